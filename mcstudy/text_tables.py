@@ -39,6 +39,11 @@ class Table(NamedTuple):
     note: str = ""
     kind: str = "numbers"
 
+    def text(self, *, titled: bool = False) -> str:
+        """The table with its note below, and with its title above if ``titled``."""
+        parts = [self.title] * titled + [table(self.header, self.rows)] + [fill(self.note)] * bool(self.note)
+        return "\n".join(parts)
+
 
 _folds: ContextVar[bool] = ContextVar("folds", default=True)
 
@@ -105,6 +110,11 @@ def number(value: float | None, digits: int = 3) -> str:
         return f"{value:.{digits - 1}e}"
     decimals = digits - 1 - (math.floor(math.log10(abs(value))) if value else 0)
     return f"{round(value, decimals):.{max(decimals, 0)}f}"
+
+
+def ends(low: float, high: float) -> str:
+    """An interval by its ends: ``586 to 1309``."""
+    return f"{number(low)} to {number(high)}"
 
 
 ROUNDING = 1e-12

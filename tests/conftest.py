@@ -19,7 +19,6 @@ pytest_plugins = ["plain_recordings", "tiny_studies", "two_chunks", "schedule"] 
 
 for variable in ONE_THREAD:
     os.environ.setdefault(variable, "1")
-os.environ["MCSTUDY_CACHE_DIR"] = ""  # a diagnosis that was kept by an earlier test would not be tested
 os.environ.pop("COLUMNS", None)  # pytest-xdist sets it: tables would be folded
 
 # Cubes are synced to disk file by file, thousands of times in all: in memory that costs nothing, and what a lost sync

@@ -30,13 +30,15 @@ from typing import Any
 from mcstudy import program
 from mcstudy.errors import StoreError
 from mcstudy.files import schema
-from mcstudy.files.durable import log_folder
-from mcstudy.files.sealed import read_sealed, write_sealed
-from mcstudy.files.untrusted import json_document
+from mcstudy.files.durable import log_folder, write
+from mcstudy.files.untrusted import json_document, real_bytes
 from mcstudy.study.environment import platform
 
 MOST = 8
 """Files that are kept per cube; the oldest are removed."""
+
+LARGEST = 1 << 28
+"""Bytes of a file that is read at most."""
 
 CHECKSUM_BYTES = 4
 """Bytes of the CRC-32C at the end of a chunk."""
@@ -151,9 +153,9 @@ def _is_chunk(name: str) -> bool:
 
 
 def _read(file: Path, kind: str) -> dict[str, Any] | None:
-    content = read_sealed(file)
-    with contextlib.suppress(ValueError, StoreError):
-        if content is not None:
+    with contextlib.suppress(OSError, ValueError, StoreError):
+        seal, _, content = real_bytes(file, LARGEST).partition(b"\n")
+        if seal == _seal(file.name, content):
             value = json_document(content)
             if kind in schema.names():
                 schema.validate(kind, value, str(file))
@@ -162,7 +164,15 @@ def _read(file: Path, kind: str) -> dict[str, Any] | None:
 
 
 def _write(file: Path, value: dict[str, Any]) -> None:
+    """Write a file whole or not at all, and remove all but the newest `MOST` of its folder."""
     with contextlib.suppress(OSError, ValueError):  # a read-only or full disk, or numbers that JSON cannot hold
         content = json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_sealed(file, content, MOST)
+        write(file, _seal(file.name, content) + b"\n" + content)
+        for old in sorted(file.parent.iterdir(), key=lambda f: f.stat().st_mtime_ns, reverse=True)[MOST:]:
+            old.unlink(missing_ok=True)
+
+
+def _seal(name: str, content: bytes) -> bytes:
+    """Checksum of a file's content and name, so that a file under another name is not taken for its own."""
+    return sha256(name.encode() + b"\n" + content).hexdigest().encode()

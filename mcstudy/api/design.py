@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.files.local_path import local_path
-from mcstudy.report.with_page import StimulusDesignWithPage
+from mcstudy.results.stimulus_design import StimulusDesign
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.stimulus_design.design_file import parse_design, read_design
 from mcstudy.stimulus_design.run import design_stimulus
@@ -19,7 +19,7 @@ def design(
     verify: bool = True,
     workers: int | None = None,
     scheduler: str | None = None,
-) -> StimulusDesignWithPage:
+) -> StimulusDesign:
     """Design the periodic stimulus that identifies the parameters best, and verify it by Monte Carlo.
 
     Parameters
@@ -51,5 +51,5 @@ def design(
     """
     asked = parse_design(file) if isinstance(file, dict) else read_design(file)
     options = ClusterOptions(workers=workers, scheduler=scheduler)
-    found = design_stimulus(asked, None if out is None else local_path(out), options, verify)
-    return StimulusDesignWithPage.from_design(found)
+    record = design_stimulus(asked, None if out is None else local_path(out), options, verify)
+    return StimulusDesign.of(record)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mcstudy.planning.solve import solve_study
-from mcstudy.report.with_page import SolutionWithPage
+from mcstudy.results.solution import Solution
 from mcstudy.scheduler.activity import activity, doing
 from mcstudy.study.design import Study
 from mcstudy.study.instability import refuse_unstable
@@ -24,7 +24,7 @@ def solve(
     precision: float = 0.1,
     budget_fits: int = 200_000,
     workers: int | None = None,
-) -> SolutionWithPage:
+) -> Solution:
     """Find the cheapest design of an experiment whose estimates are as precise as wanted.
 
     Parameters
@@ -66,7 +66,7 @@ def solve(
     targets = [target] if isinstance(target, str) else list(target)
     axes = over.split(",") if isinstance(over, str) else list(over)
     with activity("preparing"):
-        found = solve_study(
+        record = solve_study(
             asked,
             targets,
             axes,
@@ -77,4 +77,4 @@ def solve(
             threads=workers or os.cpu_count() or 1,
             say=doing,
         )
-    return SolutionWithPage.from_solution(found)
+    return Solution.of(record)

@@ -14,8 +14,8 @@ from mcstudy.planning.fits import Design, Fitter
 from mcstudy.planning.linear import linear_values
 from mcstudy.planning.local_model import QUANTILE
 from mcstudy.planning.next_look import width
-from mcstudy.planning.result import Answer, Crossing, Reading, Row, Solution
 from mcstudy.planning.search import Rules, least_fits, next_design, search
+from mcstudy.planning.solution import Answer, Crossing, Reading, Row, SolutionRecord
 from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS, Space, rounded, space_of
 from mcstudy.planning.targets import Target, parse_targets
 from mcstudy.study.checks import check_group
@@ -39,7 +39,7 @@ def solve_study(
     budget: int = 200_000,
     threads: int = 1,
     say: Callable[[str], object] = str,
-) -> Solution:
+) -> SolutionRecord:
     """The cheapest design of a group of ``study`` that meets the targets.
 
     Parameters
@@ -97,7 +97,7 @@ def solve_study(
         readings = (*readings, *more)
         enough = space.realizations is not None and number <= space.realizations[1]
         answer = Answer(design, answer.cost, (*answer.crossings, crossing)) if enough else None
-    return Solution(
+    return SolutionRecord(
         study=study,
         group=name,
         targets=asked,

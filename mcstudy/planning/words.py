@@ -5,82 +5,70 @@ from __future__ import annotations
 import math
 
 from mcstudy.planning.fits import FULL, TRUTH
-from mcstudy.planning.result import Crossing, Reading, Solution
+from mcstudy.planning.solution import Crossing, Reading, SolutionRecord
 from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS
 from mcstudy.stance.body import STIMULI
-from mcstudy.text_tables import Table, counted, fill, number, table
+from mcstudy.text_tables import Table, counted, ends, fill, number
 
 CONTROL = {TRUTH: "one fit from the true values", FULL: "none"}
 
 
-def text(found: Solution) -> str:
+def text(solution: SolutionRecord) -> str:
     """Everything that ``mcstudy solve`` prints."""
-    head = f"study {found.study.study.name}, group {found.group}; cost: {found.space.cost_words}"
-    readings = readings_table(found)
-    parts = [head, fill(statement(found)), table(readings.header, readings.rows)]
-    if len(found.rows) > 1:
-        parts.append(_titled(by_fmax_table(found)))
-    if found.looks:
-        parts.append(_titled(looks_table(found)))
-    return "\n\n".join([*parts, fill(spent_words(found))])
+    head = f"study {solution.study.study.name}, group {solution.group}; cost: {solution.space.cost_words}"
+    parts = [head, fill(statement(solution)), readings_table(solution).text()]
+    return "\n\n".join([*parts, *(t.text(titled=True) for t in search_tables(solution)), fill(spent_words(solution))])
 
 
-Cells = Table
-
-
-def _titled(cells: Cells) -> str:
-    return f"{cells.title}\n{table(cells.header, cells.rows)}"
-
-
-def statement(found: Solution) -> str:
+def statement(solution: SolutionRecord) -> str:
     """The answer in sentences."""
-    targets = " and ".join(t.text for t in found.targets)
-    d, unit = found.nearest, stimulus_unit(found)
+    targets = " and ".join(t.text for t in solution.targets)
+    d, unit = solution.nearest, stimulus_unit(solution)
     where = f"{counted(d.cycles, 'cycle')} at {d.amplitude:g} {unit}, Fmax {d.fmax:g} Hz"
-    if found.answer is None:
-        worst = max(found.readings, key=lambda r: abs(r.value) / r.target.limit)
-        surely = "is not reached by any allowed design" if _surely(found, worst) else "is probably not reached"
+    if solution.answer is None:
+        worst = max(solution.readings, key=lambda r: abs(r.value) / r.target.limit)
+        surely = "is not reached by any allowed design" if _surely(solution, worst) else "is probably not reached"
         words = f"{targets} {surely}: the nearest is {where}, with {_measure(worst)}."
-        words += _binds(found)
+        words += _binds(solution)
         if math.isfinite(worst.bound):
             words += (
                 f" Without bounds on the parameters no unbiased estimator has less than {_value(worst, worst.bound)} "
                 "there (Cramér-Rao)."
             )
         return words
-    seconds = d.cycles * found.space.period_s
+    seconds = d.cycles * solution.space.period_s
     words = f"{targets}: {where} ({seconds:.4g} s recorded)"
-    if REALIZATIONS in found.space.over:
-        words += f", {found.realizations} realizations"
+    if REALIZATIONS in solution.space.over:
+        words += f", {solution.realizations} realizations"
     words += "."
-    for crossing in found.answer.crossings:
+    for crossing in solution.answer.crossings:
         words += f" {_crossing(crossing)}"
-    if found.flat:
-        words += f" {_flat(found)}"
-    if not found.decided:
+    if solution.flat:
+        words += f" {_flat(solution)}"
+    if not solution.decided:
         words += " The budget of fits was spent before the answer was as precise as asked."
     return words
 
 
-def _binds(found: Solution) -> str:
+def _binds(solution: SolutionRecord) -> str:
     """Which end of a range keeps the targets out of reach; empty where the measure is lowest inside."""
-    space, d = found.space, found.nearest
-    by_design = not found.rows or any(r.reached for r in found.rows)
-    if by_design and space.realizations is not None and found.realizations > space.realizations[1]:
+    space, d = solution.space, solution.nearest
+    by_design = not solution.rows or any(r.reached for r in solution.rows)
+    if by_design and space.realizations is not None and solution.realizations > space.realizations[1]:
         most = space.realizations[1]
-        return f" What binds is the largest number of realizations, {most}: {found.realizations} are needed."
+        return f" What binds is the largest number of realizations, {most}: {solution.realizations} are needed."
     ends = []
     if CYCLES in space.over and d.cycles == space.cycles[1]:
         ends.append(f"number of cycles, {d.cycles}")
     if AMPLITUDE in space.over and d.amplitude >= 0.995 * space.amplitude[1]:
-        ends.append(f"amplitude, {d.amplitude:g} {stimulus_unit(found)}")
+        ends.append(f"amplitude, {d.amplitude:g} {stimulus_unit(solution)}")
     return f" What binds is the largest {' and '.join(ends)}." if ends else ""
 
 
-def _flat(found: Solution) -> str:
+def _flat(solution: SolutionRecord) -> str:
     """Why the interval is wide."""
-    worst = max(found.readings, key=lambda r: abs(r.value) / r.target.limit)
-    axis = next(c.axis for c in found.answer.crossings) if found.answer else ""
+    worst = max(solution.readings, key=lambda r: abs(r.value) / r.target.limit)
+    axis = next(c.axis for c in solution.answer.crossings) if solution.answer else ""
     known = 50 * (worst.high - worst.low) / abs(worst.value)
     return (
         f"{worst.target.name} changes less than the {axis} there: it is known to ±{known:.1f} % of its value, "
@@ -88,10 +76,10 @@ def _flat(found: Solution) -> str:
     )
 
 
-def _surely(found: Solution, worst: Reading) -> bool:
+def _surely(solution: SolutionRecord, worst: Reading) -> bool:
     """Whether no allowed design is within reach at 95 %."""
     nearest = min(abs(worst.low), abs(worst.high)) if worst.low * worst.high > 0 else 0.0
-    return nearest > worst.target.limit and all(r.hopeless for r in found.rows)
+    return nearest > worst.target.limit and all(r.hopeless for r in solution.rows)
 
 
 def _crossing(c: Crossing) -> str:
@@ -104,9 +92,9 @@ def _crossing(c: Crossing) -> str:
     return words
 
 
-def stimulus_unit(found: Solution) -> str:
+def stimulus_unit(solution: SolutionRecord) -> str:
     """Unit of the stimulus amplitude."""
-    return STIMULI[found.study.groups[found.group].stimulus.kind]
+    return STIMULI[solution.study.groups[solution.group].stimulus.kind]
 
 
 def _value(r: Reading, value: float) -> str:
@@ -122,24 +110,29 @@ def _measure(r: Reading) -> str:
     return f"{r.target.name} = {_value(r, r.value)} [{number(r.low)}, {number(r.high)}]"
 
 
-def readings_table(found: Solution) -> Cells:
+def readings_table(solution: SolutionRecord) -> Table:
     """Every target's measure at the answer, with its interval and what linear theory says."""
     rows = [
         [
             r.target.name,
             _value(r, r.target.limit),
             number(r.value),
-            f"{number(r.low)} to {number(r.high)}",
-            number(r.linear) if math.isfinite(r.linear) else "-",
-            number(r.bound) if math.isfinite(r.bound) else "-",
+            ends(r.low, r.high),
+            *(number(theory) if math.isfinite(theory) else "-" for theory in (r.linear, r.bound)),
         ]
-        for r in found.readings
+        for r in solution.readings
     ]
     header = ["measure", "target", "there", "95 % interval", "linear theory", "Cramér-Rao"]
-    return Cells("The measures at the answer", header, rows)
+    return Table("The measures at the answer", header, rows)
 
 
-def by_fmax_table(found: Solution) -> Cells:
+def search_tables(solution: SolutionRecord) -> list[Table]:
+    """What the search looked at: the Fmax, if there are several, and the designs."""
+    several = [_by_fmax(solution)] if len(solution.rows) > 1 else []
+    return [*several, *([_looks(solution)] if solution.looks else [])]
+
+
+def _by_fmax(solution: SolutionRecord) -> Table:
     """The cheapest design with each Fmax."""
     rows = [
         [
@@ -149,18 +142,18 @@ def by_fmax_table(found: Solution) -> Cells:
             f"{r.cost:.4g}" if r.reached else "not reached",
             f"{_end(r.lowest_cost)} to {_end(r.highest_cost)}",
         ]
-        for r in found.rows
+        for r in solution.rows
     ]
-    return Cells("The cheapest design with each Fmax", ["Fmax", "cycles", "amplitude", "cost", "95 % interval"], rows)
+    return Table("The cheapest design with each Fmax", ["Fmax", "cycles", "amplitude", "cost", "95 % interval"], rows)
 
 
 def _end(cost: float) -> str:
     return f"{cost:.4g}" if math.isfinite(cost) else "out of range"
 
 
-def looks_table(found: Solution) -> Cells:
+def _looks(solution: SolutionRecord) -> Table:
     """Every design that was fitted."""
-    targets = [r.target for r in found.readings][: len(found.looks[0].found)]
+    targets = [r.target for r in solution.readings][: len(solution.looks[0].found)]
     rows = [
         [
             str(k.design.cycles),
@@ -173,17 +166,17 @@ def looks_table(found: Solution) -> Cells:
                 for e, t in zip(k.found, targets, strict=True)
             ),
         ]
-        for k in found.looks
+        for k in solution.looks
     ]
     head = ["cycles", "amplitude", "Fmax", "realizations", "draws", *(t.name for t in targets)]
-    return Cells("Designs that were fitted (± one MCSE)", head, rows)
+    return Table("Designs that were fitted (± one MCSE)", head, rows)
 
 
-def spent_words(found: Solution) -> str:
+def spent_words(solution: SolutionRecord) -> str:
     """The fits that the search made."""
-    starts = found.study.groups[found.group].starts
-    words = f"{found.spent.fits} fits. Realizations are fitted from {counted(starts, 'start')}"
-    kinds = {r.control for r in found.rows} - {FULL}
+    starts = solution.study.groups[solution.group].starts
+    words = f"{solution.spent.fits} fits. Realizations are fitted from {counted(starts, 'start')}"
+    kinds = {r.control for r in solution.rows} - {FULL}
     if kinds:
         names = " or ".join(sorted(CONTROL.get(k, "one fit from a linearised start") for k in kinds))
         return f"{words}; draws are data from the same distribution, with {names}."

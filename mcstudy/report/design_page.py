@@ -15,19 +15,23 @@ from mcstudy.report.html import code, paragraphs, table, tiles
 from mcstudy.report.labels import with_units
 from mcstudy.report.style import COLOURS, HATCHES
 from mcstudy.stimulus_design import words
-from mcstudy.stimulus_design.result import StimulusDesign
+from mcstudy.stimulus_design.design_record import StimulusDesignRecord, geometric_mean
 from mcstudy.text_tables import Table, number, with_error
 
 SEQUENCE, DESIGN = COLOURS["muted"], COLOURS["orange"]
 LEGEND = [("muted", "sequence"), ("orange hatched", "design")]
 
 
-def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o DIR --html page.html") -> str:
+def design_page(design: StimulusDesignRecord, command: str = "mcstudy design FILE -o DIR --html page.html") -> str:
     """The page of a design; ``command``: the command that makes this page, as displayed on it."""
     made = code(f"{command}    # this page; every number of it is in design.json")
     parts = [
         ("stimulus", "The stimulus", _stimulus(design, command)),
-        ("difference", "The difference of the models", _difference(design)),
+        (
+            "difference",
+            "The difference of the models",
+            table(words.distances(design)) if design.distances.size else Markup(""),
+        ),
         ("errors", "Errors of the parameters", _errors(design, command)),
         ("bodies", "Other bodies", _bodies(design)),
         ("made", "How this was made", made),
@@ -36,8 +40,8 @@ def design_page(design: StimulusDesign, command: str = "mcstudy design FILE -o D
     return document(f"Stimulus {design.designed.file.design.name}", _introduction(design), parts, footer)
 
 
-def _introduction(design: StimulusDesign) -> Markup:
-    kept = np.exp(np.log(design.bounded_cv[0] / design.bounded_cv[1]).mean())
+def _introduction(design: StimulusDesignRecord) -> Markup:
+    kept = geometric_mean(design.bounded_cv[0] / design.bounded_cv[1])
     one, other = design.sizes
     entries = [("Predicted SD lower by", f"×{kept:.3g}", "geometric mean, with the bounds of the fit.")]
     if design.spreads:
@@ -52,7 +56,7 @@ def _introduction(design: StimulusDesign) -> Markup:
     return paragraphs([words.heading(design)]) + tiles(entries)
 
 
-def _stimulus(design: StimulusDesign, command: str) -> Markup:
+def _stimulus(design: StimulusDesignRecord, command: str) -> Markup:
     drawn = Figure(
         "spectrum",
         "Spectrum and waveform",
@@ -61,21 +65,14 @@ def _stimulus(design: StimulusDesign, command: str) -> Markup:
         python="design.to_html('page.html')",
         legend=[("muted", "sequence"), ("orange", "design")],
     )
-    sizes = Table("Sizes", ("", "sequence", "design", "ratio"), words.size_rows(design))
-    return figure(drawn, command) + table(sizes, "rows") + paragraphs([words.limits_used(design)])
+    return figure(drawn, command) + table(words.sizes(design), "rows") + paragraphs([words.limits_used(design)])
 
 
-def _bodies(design: StimulusDesign) -> Markup:
+def _bodies(design: StimulusDesignRecord) -> Markup:
     return paragraphs([words.sway_words(design), words.bodies_words(design) if design.bodies else ""])
 
 
-def _difference(design: StimulusDesign) -> Markup:
-    if not design.distances.size:
-        return Markup("")
-    return table(Table(words.DISTANCES, words.DISTANCE_HEAD, words.distance_rows(design)))
-
-
-def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:
+def spectrum(design: StimulusDesignRecord, ax: Axes | None = None) -> Axes:
     """RMS of every odd line over frequency, of sequence and design."""
     ax, d = axes(ax), design.designed
     for power, label, color, marker, fill in (
@@ -92,7 +89,7 @@ def spectrum(design: StimulusDesign, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def waveform(design: StimulusDesign, ax: Axes | None = None) -> Axes:
+def waveform(design: StimulusDesignRecord, ax: Axes | None = None) -> Axes:
     """One cycle of the design."""
     ax, (t, u) = axes(ax), design.waveform()
     step = max(1, t.size // 2000)
@@ -102,7 +99,7 @@ def waveform(design: StimulusDesign, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _errors(design: StimulusDesign, command: str) -> Markup:
+def _errors(design: StimulusDesignRecord, command: str) -> Markup:
     found = design.spreads_at_fmax if design.spreads else None
     drawings = [("predicted, with the bounds of the fit", design.bounded_cv)]
     if found is not None:
@@ -111,13 +108,13 @@ def _errors(design: StimulusDesign, command: str) -> Markup:
     both = [*design.bounded_cv, *(found.cv if found is not None else ())]
     header = ["", "predicted: sequence", "design", "lower by"]
     rows = [
-        [name, f"{100 * a:.3g} %", f"{100 * b:.3g} %", f"×{a / b:.3g}"]
-        for name, a, b in zip(design.names, *both[:2], strict=True)
+        [name, *words.compared(sequence, other, "×")]
+        for name, sequence, other in zip(design.names, *both[:2], strict=True)
     ]
     if found is not None:
         header += ["fits: sequence", "design", "lower by (± MCSE)"]
         for k, row in enumerate(rows):
-            row += [f"{100 * cv[k]:.3g} %" for cv in found.cv]
+            row += [words.percent(cv[k]) for cv in found.cv]
             row.append(f"×{with_error(found.ratio[k], found.ratio_error[k])}")
     drawn = Figure(
         "cv",
@@ -133,7 +130,7 @@ def _errors(design: StimulusDesign, command: str) -> Markup:
     return figure(drawn, command) + table(Table("Coefficients of variation", header, rows))
 
 
-def cv_bars(design: StimulusDesign, cv: np.ndarray, ax: Axes | None = None, title: str = "") -> Axes:
+def cv_bars(design: StimulusDesignRecord, cv: np.ndarray, ax: Axes | None = None, title: str = "") -> Axes:
     """Coefficients of variation (2, P) of sequence and design as pairs of bars."""
     ax, at = axes(ax, (4.3, 5.0)), np.arange(len(design.names))
     low = 10 ** np.floor(np.log10(100 * cv.min()))

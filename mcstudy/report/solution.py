@@ -11,7 +11,7 @@ from mcstudy.planning.arm import Arm
 from mcstudy.planning.fits import Design
 from mcstudy.planning.local_model import QUANTILE
 from mcstudy.planning.next_look import leading
-from mcstudy.planning.result import Solution
+from mcstudy.planning.solution import SolutionRecord
 from mcstudy.planning.space import CYCLES
 from mcstudy.report.style import COLOURS
 from mcstudy.report.svg_document import svg_document
@@ -21,7 +21,7 @@ AXIS, LINE, LIMIT = (COLOURS[name] for name in ("muted", "orange", "blue"))
 POINTS = 81
 
 
-def solution_svg(found: Solution) -> str:
+def solution_svg(found: SolutionRecord) -> str:
     """One panel for every target as an SVG document: the local model with its 95 % band along the leading axis.
 
     Points are designs that were fitted, with two standard errors. Those with other values on the other axes are left
@@ -52,7 +52,7 @@ class Curve:
     looks: list[tuple[float, float, float]]
 
 
-def curve_of(found: Solution, arm: Arm, axis: str, k: int) -> Curve:
+def curve_of(found: SolutionRecord, arm: Arm, axis: str, k: int) -> Curve:
     """The measure of target ``k`` along ``axis``."""
     target, d = arm.targets[k], found.nearest
     low, high = map(float, found.space.cycles if axis == CYCLES else found.space.amplitude)
@@ -70,7 +70,7 @@ def curve_of(found: Solution, arm: Arm, axis: str, k: int) -> Curve:
     return Curve(values, curves, looks)
 
 
-def _panel(found: Solution, arm: Arm, axis: str, k: int, x: float) -> list[str]:
+def _panel(found: SolutionRecord, arm: Arm, axis: str, k: int, x: float) -> list[str]:
     target, curve = arm.targets[k], curve_of(found, arm, axis, k)
     values, curves, looks = curve.values, curve.curves, curve.looks
     low, high = float(values[0]), float(values[-1])

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mcstudy.planning import words
 from mcstudy.planning.next_look import leading
-from mcstudy.planning.result import Solution
+from mcstudy.planning.solution import SolutionRecord
 from mcstudy.report.axes import axes, legend_below, log_axis
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
@@ -23,7 +23,7 @@ from mcstudy.text_tables import number
 BAND, TARGET = COLOURS["orange"], COLOURS["blue"]
 
 
-def solution_page(found: Solution, command: str = "mcstudy solve STUDY --html page.html") -> str:
+def solution_page(found: SolutionRecord, command: str = "mcstudy solve STUDY --html page.html") -> str:
     """The page of a solution; ``command``: the command that makes this page, as displayed on it."""
     parts = [
         ("measures", "Measures and target", _measures(found, command)),
@@ -37,7 +37,7 @@ def solution_page(found: Solution, command: str = "mcstudy solve STUDY --html pa
     return document(f"The cheapest design: {found.study.study.name}", _introduction(found), parts, footer)
 
 
-def _introduction(found: Solution) -> Markup:
+def _introduction(found: SolutionRecord) -> Markup:
     d, answer = found.nearest, found.answer
     entries = [
         ("Cheapest design" if answer else "Nearest design", f"{d.cycles} cycles", f"{_seconds(found)} s recorded."),
@@ -56,18 +56,18 @@ def _introduction(found: Solution) -> Markup:
     return paragraphs([words.statement(found)]) + tiles(entries)
 
 
-def _seconds(found: Solution) -> str:
+def _seconds(found: SolutionRecord) -> str:
     return f"{found.nearest.cycles * found.space.period_s:.4g}"
 
 
-def _interval(found: Solution, axis: str) -> str:
+def _interval(found: SolutionRecord, axis: str) -> str:
     if axis not in found.interval:
         return "as in the study." if axis not in found.space.over else "the nearest to the target."
     low, high = found.interval[axis]
     return f"95 % interval {low:.4g} to {high:.4g}."
 
 
-def _measures(found: Solution, command: str) -> Markup:
+def _measures(found: SolutionRecord, command: str) -> Markup:
     shown = table(words.readings_table(found), "rows")
     axis, arm = leading(found.space), found.arm
     if axis is None or arm is None:
@@ -86,7 +86,7 @@ def _measures(found: Solution, command: str) -> Markup:
     return figure(drawn, command) + shown
 
 
-def measure_along(found: Solution, k: int, ax: Axes | None = None) -> Axes:
+def measure_along(found: SolutionRecord, k: int, ax: Axes | None = None) -> Axes:
     """The measure of target ``k`` along the leading axis, with its limit and the interval of the answer."""
     ax, axis, arm = axes(ax), leading(found.space), found.arm
     assert axis is not None
@@ -113,8 +113,5 @@ def measure_along(found: Solution, k: int, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _fitted(found: Solution) -> Markup:
-    tables = [words.by_fmax_table(found)] if len(found.rows) > 1 else []
-    if found.looks:
-        tables.append(words.looks_table(found))
-    return paragraphs([words.spent_words(found)]) + joined(map(table, tables))
+def _fitted(found: SolutionRecord) -> Markup:
+    return paragraphs([words.spent_words(found)]) + joined(map(table, words.search_tables(found)))

@@ -8,13 +8,13 @@ import numpy as np
 
 from mcstudy.report.style import COLOURS
 from mcstudy.report.svg_document import svg_document
-from mcstudy.stimulus_design.result import StimulusDesign
+from mcstudy.stimulus_design.design_record import StimulusDesignRecord
 
 WIDTH, HEIGHT, LEFT, TOP, GAP = 360.0, 250.0, 52.0, 52.0, 72.0
 BEFORE, AFTER, AXIS = (COLOURS[name] for name in ("muted", "orange", "muted"))
 
 
-def stimulus_design_svg(design: StimulusDesign) -> str:
+def stimulus_design_svg(design: StimulusDesignRecord) -> str:
     """Two panels as an SVG document: power of the lines, and coefficients of variation with sequence and design.
 
     The coefficients of variation are those of the bounded fits where the design was verified, else the predicted ones.
@@ -25,7 +25,7 @@ def stimulus_design_svg(design: StimulusDesign) -> str:
     return svg_document("A designed stimulus", caption, size, LEFT, body)
 
 
-def _spectra(design: StimulusDesign, x: float, y: float) -> list[str]:
+def _spectra(design: StimulusDesignRecord, x: float, y: float) -> list[str]:
     """RMS of every odd line over frequency, both on logarithmic axes."""
     d = design.designed
     f, lines = d.f, [np.sqrt(2 * power) for power in (d.before, d.after)]
@@ -55,7 +55,7 @@ def _spectra(design: StimulusDesign, x: float, y: float) -> list[str]:
     return out
 
 
-def _errors(design: StimulusDesign, x: float, y: float) -> list[str]:
+def _errors(design: StimulusDesignRecord, x: float, y: float) -> list[str]:
     """Coefficients of variation by parameter as pairs of bars, on a logarithmic axis."""
     found = bool(design.spreads)
     cv = 100 * (design.spreads_at_fmax.cv if found else design.cv)

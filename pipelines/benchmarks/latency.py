@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mcstudy.analysis import kept
-from mcstudy.cli.kept_diagnosis import VARIABLE
 from pipelines.benchmarks.large_cubes import write_cube
 from pipelines.benchmarks.measure import Usage, mcstudy, run_command
 from pipelines.benchmarks.report import Result, Sizes
@@ -25,9 +24,6 @@ RUN = (*READ, "numba", "distributed", "zarr")
 DIAGNOSIS = ("numpy", "scipy.special", "scipy.fft", "numba", "h5netcdf")
 STATISTICS = (*READ, "xarray", "zarr", "dask.array", "numba")
 PAGE = ("matplotlib.figure", "matplotlib.backends.backend_svg")
-
-CACHES = "caches"
-"""Folder of what only saves time, inside that of the benchmark."""
 
 LONGEST_S = 900
 """Wall-clock seconds after which one process is stopped: it is then left out of the table."""
@@ -67,7 +63,7 @@ def run(sizes: Sizes) -> Result:
             for verb, look in looks.items():
                 try:
                     look.before()
-                    taken = run_command(*look.command, longest_s=LONGEST_S, **{VARIABLE: str(Path(name) / CACHES)})
+                    taken = run_command(*look.command, longest_s=LONGEST_S)
                     floor = run_command(sys.executable, "-c", f"import {', '.join(look.floor)}", longest_s=LONGEST_S)
                 except (subprocess.TimeoutExpired, RuntimeError) as error:
                     result.notes.append(f"{verb}: {error}")
@@ -116,9 +112,6 @@ def _looks(sizes: Sizes, folder: Path) -> dict[str, Look]:
         shutil.rmtree(new, ignore_errors=True)
         shutil.rmtree(new.with_name("new.zarr.log"), ignore_errors=True)
 
-    def no_diagnosis() -> None:
-        shutil.rmtree(folder / CACHES, ignore_errors=True)
-
     show, report = mcstudy("show", cube), mcstudy("report", cube, "-o", page)
     diagnose = mcstudy("gap", "diagnose", recording, "--fast")
     write = mcstudy("gap", "report", recording, "--fast", "-o", page)
@@ -138,10 +131,8 @@ def _looks(sizes: Sizes, folder: Path) -> dict[str, Look]:
         "plan": Look(mcstudy("plan", study), (*READ, "scipy.special", "numba", "distributed")),
         "verify": Look(mcstudy("verify", cube), (*READ, "scipy.special", "numba", "zarr")),
         "gap effects": Look(mcstudy("gap", "effects"), ("numpy",)),
-        "gap diagnose --fast, nothing kept": Look(diagnose, DIAGNOSIS, 2.0, no_diagnosis),
-        "gap diagnose --fast, later": Look(diagnose, DIAGNOSIS, 2.0),
-        "gap report --fast, nothing kept": Look(write, (*DIAGNOSIS, *PAGE), 4.0, no_diagnosis),
-        "gap report --fast, later": Look(write, (*DIAGNOSIS, *PAGE), 4.0),
+        "gap diagnose --fast": Look(diagnose, DIAGNOSIS, 2.0),
+        "gap report --fast": Look(write, (*DIAGNOSIS, *PAGE), 4.0),
     }
     for fits in sizes.report_fits:
         large = folder / f"{fits}.zarr"

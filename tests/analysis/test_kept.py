@@ -20,7 +20,7 @@ from mcstudy.analysis.show.tables import show
 from mcstudy.cli import main
 from mcstudy.errors import StoreError
 from mcstudy.exits import Exit
-from mcstudy.files import schema, sealed
+from mcstudy.files import schema
 from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.study.cube.store import Cube
 from mcstudy.study.verify import verify
@@ -99,7 +99,7 @@ def _of_another_kind(file: Path) -> None:
 
 
 def _no_json(file: Path) -> None:
-    file.write_bytes(sealed._seal(file.name, b"{") + b"\n{")
+    file.write_bytes(module._seal(file.name, b"{") + b"\n{")
 
 
 def _link(file: Path) -> None:

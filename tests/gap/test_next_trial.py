@@ -160,7 +160,7 @@ def test_text_and_json_say_what_the_object_says(answer: NextTrialRecord) -> None
 
 
 def test_the_page_shows_which_effects_look_alike_before_and_after(answer: NextTrialRecord) -> None:
-    shown = figure(next_figure(answer), "", "mcstudy gap report REC --next")
+    shown = figure(next_figure(answer), "mcstudy gap report REC --next")
     assert 'id="twins"' in shown  # the section that it stands in is "next"
     assert all(name in shown for name in answer.before.effects)
     assert answer.sentence(answer.best) in html.unescape(shown)

@@ -54,6 +54,15 @@ def data(diagnosis: DiagnosisRecord) -> GapData:
     return GapData(diagnosis)
 
 
+def test_one_command_prints_a_diagnosis_and_writes_its_page(
+    gap_page: Path, lagging_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / gap_page.name
+    assert main(["gap", "diagnose", str(lagging_recording), "--fast", "--html", str(page)]) == Exit.DONE
+    assert "Most likely cause" in capsys.readouterr().out
+    assert page.read_text(encoding="utf-8").replace(str(page), str(gap_page)) == gap_page.read_text(encoding="utf-8")
+
+
 def test_the_page_holds_the_verdict_and_every_part_of_the_diagnosis(gap_page: Path, diagnosis: DiagnosisRecord) -> None:
     text = gap_page.read_text(encoding="utf-8")
     for sentence in sentences(diagnosis):

@@ -69,7 +69,7 @@ def test_what_is_declared_works(versions: str, tmp_path: Path) -> None:
     constraints.write_text("\n".join(lowest() if versions == "lowest" else []))
     python = sys.executable if versions == "lowest" else newest_python()
     variables = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "PYTHON", "PYTEST_"))}
-    variables |= {"NUMBA_CACHE_DIR": str(tmp_path / "compiled"), "MCSTUDY_CACHE_DIR": "", "MPLBACKEND": "agg"}
+    variables |= {"NUMBA_CACHE_DIR": str(tmp_path / "compiled"), "MPLBACKEND": "agg"}
 
     def done(*words: str, where: Path = tmp_path) -> str:
         call = subprocess.run(words, cwd=where, env=variables, capture_output=True, text=True, timeout=3600)

@@ -96,9 +96,7 @@ def _paper(data: dict[str, Any]) -> str:
         f"{number(r['floor'], 2)} ({r['label'].removeprefix('mean |bias|, ')})" for r in paper["rows"] if r["floor"]
     ]
     if floors:
-        chance = (
-            "Mean |bias| from chance alone (floor), of unbiased estimates from as many realizations as published, in %"
-        )
+        chance = "Mean |bias| from chance alone (floor), of unbiased estimates with the published realizations, in %"
         lines.append(fill(f"{chance}: {'; '.join(floors)}."))
     for row in paper["rows"]:
         if row["detail"]:

@@ -40,18 +40,21 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.text_tables import folded
 
     try:
-        found = design_stimulus(file, args.out, options, verify=not args.no_verify)
+        record = design_stimulus(file, args.out, options, verify=not args.no_verify)
     except DesignError as error:
         raise DesignError(f"{args.file}: {error}") from None
+    from mcstudy.results.stimulus_design import StimulusDesign
+
+    design = StimulusDesign.of(record)
     if args.figure is not None:
         from mcstudy.report.stimulus_design import stimulus_design_svg
 
-        write_figure(stimulus_design_svg(found), args.figure)
+        write_figure(stimulus_design_svg(design), args.figure)
     if args.html is not None:
         from mcstudy.report.design_page import design_page
         from mcstudy.report.document import write_page
 
         words = ["mcstudy", "design", str(args.file), "-o", str(args.out), *["--no-verify"] * args.no_verify]
-        write_page(args.html, lambda: design_page(found, shlex.join([*words, "--html", str(args.html)])))
-    print(folded(found.text()))
+        write_page(args.html, lambda: design_page(design, shlex.join([*words, "--html", str(args.html)])))
+    print(folded(design.text()))
     return Exit.DONE

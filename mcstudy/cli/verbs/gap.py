@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +20,8 @@ from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.gap.diagnosis import DiagnosisRecord
+    from mcstudy.gap.planned.next_trial import NextTrialRecord
+    from mcstudy.gap.settings import DiagnosisSettings
 
 TOPIC = "diagnosis"
 
@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     diagnose = verbs.add_parser("diagnose", help="diagnose one recording, or several of the same person")
     add_output_arguments(diagnose, "diagnosis")
+    diagnose.add_argument("--html", type=Path, metavar="PAGE", help="also write the page of gap report")
     diagnose.set_defaults(run=_diagnose)
 
     report = verbs.add_parser("report", help="diagnose, and write the result as one HTML page with figures")
@@ -152,43 +153,23 @@ def _effects(_: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-def _diagnosed(
-    args: argparse.Namespace, *, fast: bool, bootstrap: int | None = None, cause_only: bool = False
-) -> DiagnosisRecord:
-    """The diagnosis that was asked for; one that is kept is not computed again.
+def _settings(args: argparse.Namespace, **further: Any) -> DiagnosisSettings:
+    from mcstudy.gap.settings import DiagnosisSettings
 
-    ``cause_only``: with nothing else, unless all is kept.
-    """
-    from mcstudy.cli.kept_diagnosis import kept_diagnosis
-    from mcstudy.gap.settings import CAUSE_ONLY, EVERYTHING, DiagnosisSettings
-
-    options = {"seed": args.seed, "fmax": args.fmax, "discard": args.discard, "accept": args.accept, "fast": fast}
-    if bootstrap is not None:
-        options["bootstrap"] = bootstrap
     if args.prior_none is not None:
-        options["prior_none"] = args.prior_none
-    settings = DiagnosisSettings(**options, asked=CAUSE_ONLY if cause_only else EVERYTHING)
+        further["prior_none"] = args.prior_none
+    return DiagnosisSettings(seed=args.seed, fmax=args.fmax, discard=args.discard, accept=args.accept, **further)
+
+
+def _diagnosed(args: argparse.Namespace, settings: DiagnosisSettings) -> DiagnosisRecord:
+    """The diagnosis of the recordings; errors about them begin with the names of their files."""
     read = read_recordings(args)
-
-    def compute() -> DiagnosisRecord:
-        from mcstudy.gap.diagnose import diagnose
-
-        with _ready(args):
-            return diagnose(read, settings)
-
-    if cause_only:
-        return kept_diagnosis(read, {**options, "asked": "cause"}, compute, also=[options])
-    return kept_diagnosis(read, options, compute)
-
-
-@contextmanager
-def _ready(args: argparse.Namespace) -> Iterator[None]:
-    """Kernels are compiled, and errors about the recordings begin with the names of their files."""
+    from mcstudy.gap.diagnose import diagnose  # slow to import; report a bad file first
     from mcstudy.scheduler.compiling import DIAGNOSIS, compile_kernels
 
     compile_kernels(DIAGNOSIS)
     with with_names(args):
-        yield
+        return diagnose(read, settings)
 
 
 def _diagnose(args: argparse.Namespace) -> Exit:
@@ -196,10 +177,31 @@ def _diagnose(args: argparse.Namespace) -> Exit:
     from mcstudy.gap.verdict import wrapped
     from mcstudy.scheduler.activity import activity
 
+    if args.html is not None:
+        from mcstudy.report.style import require_matplotlib
+
+        require_matplotlib()
+    settings = _settings(args, fast=args.fast, bootstrap=args.bootstrap)
     with activity(f"{args.recordings[0]}: diagnosing"):
-        diagnosis = _diagnosed(args, fast=args.fast, bootstrap=args.bootstrap)
+        diagnosis = _diagnosed(args, settings)
+    if args.html is not None:
+        from mcstudy.report.document import write_page
+
+        write_page(args.html, lambda: _page(args, diagnosis, args.html))
     tell(args, "diagnosis", diagnosis.to_dict, lambda: f"{wrapped(diagnosis)}\n\n{text(diagnosis)}")
     return Exit.DONE
+
+
+def _page(
+    args: argparse.Namespace, diagnosis: DiagnosisRecord, output: Path, planned: NextTrialRecord | None = None
+) -> str:
+    """The page of a diagnosis, with the command that writes it alone."""
+    from mcstudy.report.diagnosis.page import gap_page
+
+    options = [f"--{name}" for name, given in (("fast", args.fast), ("next", planned)) if given]
+    options += _given(args, ("bootstrap", None))
+    command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(output)]
+    return gap_page(diagnosis, shlex.join(command), planned)
 
 
 def _next(args: argparse.Namespace) -> Exit:
@@ -207,6 +209,7 @@ def _next(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.gap.planned.choice import TRIALS, require_possible
     from mcstudy.gap.planned.next_trial import next_trial
+    from mcstudy.gap.settings import CAUSE_ONLY
     from mcstudy.scheduler.activity import activity, doing
 
     amplitudes: dict[str, list[float]] = {}
@@ -224,7 +227,7 @@ def _next(args: argparse.Namespace) -> Exit:
 
         require_matplotlib()
     with activity(f"{args.recordings[0]}: diagnosing"):
-        d = _diagnosed(args, fast=True, cause_only=True)
+        d = _diagnosed(args, _settings(args, fast=True, asked=CAUSE_ONLY))
         doing(f"{args.recordings[0]}: simulating possible next trials")
         with with_names(args):
             found = next_trial(d, args.kind, amplitudes, trials=trials, cycles=args.cycles, seed=args.seed)
@@ -267,16 +270,13 @@ def _report(args: argparse.Namespace) -> Exit:
     require_matplotlib()
     output = args.output or page_of(args.recordings[0])
 
+    settings = _settings(args, fast=args.fast, bootstrap=args.bootstrap)
+
     def text() -> str:
         from mcstudy.gap.planned.next_trial import next_trial
-        from mcstudy.report.diagnosis.page import gap_page
 
-        diagnosis = _diagnosed(args, fast=args.fast, bootstrap=args.bootstrap)
-        planned = next_trial(diagnosis, seed=args.seed) if args.next else None
-        options = [f"--{name}" for name in ("fast", "next") if getattr(args, name)]
-        options += _given(args, ("bootstrap", None))
-        command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(output)]
-        return gap_page(diagnosis, shlex.join(command), planned)
+        diagnosis = _diagnosed(args, settings)
+        return _page(args, diagnosis, output, next_trial(diagnosis, seed=args.seed) if args.next else None)
 
     return write_and_tell(output, text)
 

@@ -14,7 +14,7 @@ from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
-    from mcstudy.planning.result import Solution
+    from mcstudy.planning.solution import SolutionRecord
 
 PRECISION, BUDGET = 10.0, 200_000
 
@@ -86,7 +86,7 @@ def main(args: argparse.Namespace) -> Exit:
 
     compile_kernels([*parts_of(study.groups.values()), "linearised"])
     with activity("preparing"):
-        found = solve_study(
+        record = solve_study(
             study,
             args.target,
             args.over.split(","),
@@ -97,6 +97,9 @@ def main(args: argparse.Namespace) -> Exit:
             threads=args.workers or os.cpu_count() or 1,
             say=doing,
         )
+    from mcstudy.results.solution import Solution
+
+    found = Solution.of(record)
     if args.figure is not None:
         from mcstudy.report.solution import solution_svg
 
@@ -133,7 +136,7 @@ def _command(args: argparse.Namespace) -> str:
     return shlex.join([*words, "--html", str(args.html)])
 
 
-def _exit(found: Solution) -> Exit:
+def _exit(found: SolutionRecord) -> Exit:
     """A script must not record a design that does not reach its target, nor take a rough answer for a precise one."""
     if not found.decided:
         return Exit.NOT_REACHED

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +11,11 @@ import xarray as xr
 
 from mcstudy.errors import InputError
 from mcstudy.files.json_files import plain
-from mcstudy.files.local_path import local_path
 from mcstudy.files.schema import identifier
 from mcstudy.planning.arm import Arm, Look
 from mcstudy.planning.fits import Design, Spent
 from mcstudy.planning.space import CYCLES, REALIZATIONS, Space
 from mcstudy.planning.targets import Target
-from mcstudy.short_repr import Summary
 from mcstudy.study.design import Study
 
 
@@ -90,7 +87,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(Summary):
+class SolutionRecord:
     """The cheapest design that reaches the targets.
 
     Attributes
@@ -144,8 +141,7 @@ class Solution(Summary):
         """The answer by axis: ``cycles``, ``amplitude``, ``fmax`` (Hz), ``realizations``; None where there is none."""
         if self.answer is None:
             return None
-        d = self.answer.design
-        return {"cycles": d.cycles, "amplitude": d.amplitude, "fmax": d.fmax, "realizations": self.realizations}
+        return {**_named(self.answer.design, ("cycles", "amplitude", "fmax")), "realizations": self.realizations}
 
     @property
     def interval(self) -> dict[str, tuple[float, float]]:
@@ -161,29 +157,12 @@ class Solution(Summary):
             np.array([[getattr(e, part) for e in look.found] for look in self.looks]).reshape(-1, limits.size) * limits
             for part in ("value", "error")
         )
-        axes = {
-            "cycles": [k.design.cycles for k in self.looks],
-            "amplitude": [k.design.amplitude for k in self.looks],
-            "fmax": [k.design.fmax for k in self.looks],
-            "realizations": [k.realizations for k in self.looks],
-            "draws": [k.draws for k in self.looks],
-        }
+        axes = {name: [getattr(look.design, name) for look in self.looks] for name in ("cycles", "amplitude", "fmax")}
+        axes |= {name: [getattr(look, name) for look in self.looks] for name in ("realizations", "draws")}
         return xr.Dataset(
             {"value": (("look", "target"), values), "mcse": (("look", "target"), errors)},
             coords={**{name: ("look", v) for name, v in axes.items()}, "target": [t.name for t in by_design]},
         )
-
-    def facts(self) -> list[tuple[str, str]]:
-        """What a prompt shows."""
-        facts = [("targets", "; ".join(t.text for t in self.targets))]
-        if self.answer is None:
-            return [*facts, ("answer", "none in the allowed range")]
-        d = self.answer.design
-        return [
-            *facts,
-            ("answer", f"{d.cycles} cycles, amplitude {d.amplitude:g}, Fmax {d.fmax:g} Hz"),
-            ("interval", "; ".join(f"{axis} {low:.3g} to {high:.3g}" for axis, (low, high) in self.interval.items())),
-        ]
 
     def to_study(self) -> Study:
         """The study with the answer in place of the group's own cycles, amplitudes, Fmax and realizations.
@@ -201,15 +180,9 @@ class Solution(Summary):
         fields |= {"amplitude": [d.amplitude], "fmax": [d.fmax], "realizations": self.realizations}
         return Study(study=self.study.study, group={self.group: fields})
 
-    def text(self) -> str:
-        """The tables that ``mcstudy solve`` prints."""
-        from mcstudy.planning.words import text
-
-        return text(self)
-
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain values, in the form of the schema ``solution``."""
-        crossings = () if self.answer is None else self.answer.crossings
+        answer, axes = self.answer, ("cycles", "amplitude", "fmax")
         value = {
             "schema": identifier("solution"),
             "study": self.study.study.name,
@@ -217,20 +190,17 @@ class Solution(Summary):
             "seed": self.study.study.seed,
             "targets": [t.text for t in self.targets],
             "cost_of": self.space.cost_words,
-            "over": {
-                axis: list(getattr(self.space, axis) or ()) if axis != "fmax" else list(self.space.fmax)
-                for axis in self.space.over
-            },
-            "reached": self.answer is not None,
+            "over": {axis: list(getattr(self.space, axis) or ()) for axis in self.space.over},
+            "reached": answer is not None,
             "decided": self.decided,
             "flat": self.flat,
             "design": self.design,
-            "cost": None if self.answer is None else self.answer.cost,
+            "cost": None if answer is None else answer.cost,
             "recording_s": self.nearest.cycles * self.space.period_s,
-            "nearest": {"cycles": self.nearest.cycles, "amplitude": self.nearest.amplitude, "fmax": self.nearest.fmax},
+            "nearest": _named(self.nearest, axes),
             "crossings": {
-                c.axis: {"value": c.value, "interval": list(c.interval), "at_start": c.at_start, "at_end": c.at_end}
-                for c in crossings
+                c.axis: {"value": c.value, "interval": list(c.interval), **_named(c, ("at_start", "at_end"))}
+                for c in (() if answer is None else answer.crossings)
             },
             "measures": [
                 {
@@ -245,36 +215,27 @@ class Solution(Summary):
             ],
             "by_fmax": [
                 {
-                    "fmax": r.fmax,
-                    "cycles": r.cycles,
-                    "amplitude": r.amplitude,
-                    "reached": r.reached,
+                    **_named(r, ("fmax", "cycles", "amplitude", "reached")),
                     "cost": r.cost if r.reached else None,
                     "cost_interval": [r.lowest_cost, r.highest_cost],
-                    "control": r.control,
-                    "relative_cost": r.relative_cost,
+                    **_named(r, ("control", "relative_cost")),
                 }
                 for r in self.rows
             ],
             "looks": [
                 {
-                    "cycles": k.design.cycles,
-                    "amplitude": k.design.amplitude,
-                    "fmax": k.design.fmax,
-                    "realizations": k.realizations,
-                    "draws": k.draws,
-                    "ratio": [e.value for e in k.found],
-                    "ratio_mcse": [e.error for e in k.found],
+                    **_named(look.design, axes),
+                    **_named(look, ("realizations", "draws")),
+                    "ratio": [e.value for e in look.found],
+                    "ratio_mcse": [e.error for e in look.found],
                 }
-                for k in self.looks
+                for look in self.looks
             ],
             "fits": self.spent.fits,
             "evaluations": self.spent.evaluations,
         }
         return dict(plain(value))
 
-    def write_study(self, path: str | Path) -> None:
-        """Write the study of the answer as a study file."""
-        from mcstudy.files.json_files import write_text
 
-        write_text(local_path(path), self.to_study().to_toml().rstrip("\n"))
+def _named(record: object, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: getattr(record, name) for name in names}

@@ -1,28 +1,23 @@
-"""What a design found: the stimulus, what it promises, what the Monte Carlo study gave, and the files of all that."""
+"""The record of a design: the stimulus, what it promises, and what the Monte Carlo study gave."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from mcstudy.errors import InputError
-from mcstudy.files.csv_text import csv_text
 from mcstudy.files.json_files import plain
 from mcstudy.files.schema import identifier
-from mcstudy.short_repr import Summary
 from mcstudy.stance.line_stimulus import LineStimulus
 from mcstudy.stimulus_design.bodies import model_of
 from mcstudy.stimulus_design.evoked_sway import OTHER, OtherBodies, drawn_costs, ratios
 from mcstudy.stimulus_design.spectrum import Designed, Size, noise_sway, predicted, size_of
-from mcstudy.stimulus_design.verify import Spread, bodies_of, costs, spreads, study_of
+from mcstudy.stimulus_design.verify import STIMULI, Spread, bodies_of, costs, spreads, study_of
 from mcstudy.study.design import Study
-
-DOCUMENT = "design.json"
-"""File of a design, in its folder."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +37,7 @@ class BodyCheck:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StimulusDesign(Summary):
+class StimulusDesignRecord:
     """An optimal stimulus and how it was verified.
 
     Attributes
@@ -78,37 +73,6 @@ class StimulusDesign(Summary):
     bodies: tuple[BodyCheck, ...] = ()
     distances: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
 
-    @classmethod
-    def of(cls, designed: Designed, results: xr.DataTree | None = None) -> StimulusDesign:
-        """From a design and, where it was verified, the cube of its verification."""
-        file, model = designed.file, designed.model
-        powers = designed.before, designed.after
-        cv, bounded_cv = (
-            np.stack([predicted(file, model, designed.f, p, bounded) for p in powers]) for bounded in (False, True)
-        )
-        sizes = size_of(model, designed.sequence), size_of(model, designed.stimulus)
-        found: list[Spread] = []
-        bodies: list[BodyCheck] = []
-        if results is not None:
-            found = [s for cost in costs(file) for s in spreads(results, "", cost)]
-        for n, section in enumerate(bodies_of(designed)):
-            body = model_of(file, section)
-            both = [predicted(file, body, designed.f, p, bounded=True) for p in powers]
-            one, other = size_of(body, designed.sequence), size_of(body, designed.stimulus)
-            bodies.append(
-                BodyCheck(
-                    float(np.exp(np.log(both[0] / both[1]).mean())),
-                    float((other.sway / one.sway).max()),
-                    None if results is None else spreads(results, f"body{n + 1:02d}_", "ml")[0],
-                )
-            )
-        unknown = drawn_costs(file, model, OTHER, "others", designed.sequence, designed.f)
-        others = OtherBodies.of(ratios(unknown, designed.after), file.limits.sway)
-        shown = designed.difference
-        distances = np.zeros((2, 0)) if shown is None else np.stack([shown.distances(p) for p in powers])
-        noise = noise_sway(file, model)
-        return cls(designed, cv, bounded_cv, sizes, noise, others, tuple(found), tuple(bodies), distances)
-
     @property
     def names(self) -> tuple[str, ...]:
         """Parameters."""
@@ -128,14 +92,6 @@ class StimulusDesign(Summary):
     def predicted_ratio(self) -> np.ndarray:
         """Predicted ratio of the standard deviations, sequence over design, (P,)."""
         return np.asarray(self.cv[0] / self.cv[1])
-
-    def facts(self) -> list[tuple[str, str]]:
-        """What a prompt shows."""
-        gain = float(np.exp(np.log(self.predicted_ratio).mean()))
-        facts = [("lines", str(len(self.stimulus.harmonic))), ("predicted reduction of SD", f"x{gain:.3g}")]
-        if self.distances.size:
-            facts.append(("distance of the models", f"x{float((self.distances[1] / self.distances[0]).min()):.3g}"))
-        return [*facts, ("verified", f"x{self.spreads_at_fmax.mean:.3g}" if self.spreads else "no")]
 
     @property
     def spreads_at_fmax(self) -> Spread:
@@ -174,19 +130,6 @@ class StimulusDesign(Summary):
         spectrum[k] = c
         return t, np.fft.irfft(spectrum, n, norm="forward")
 
-    def csv(self) -> str:
-        """The waveform of one cycle as text."""
-        t, u = self.waveform()
-        unit = self.designed.model.stimulus_unit
-        rows = ((f"{a:.6f}", f"{b:.9g}") for a, b in zip(t, u, strict=True))
-        return csv_text(["time (s)", f"stimulus ({unit})"], rows)
-
-    def text(self) -> str:
-        """The tables that ``mcstudy design`` prints."""
-        from mcstudy.stimulus_design.words import text
-
-        return text(self)
-
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain values, in the form of the schema ``stimulus_design``."""
         d, file = self.designed, self.designed.file
@@ -209,54 +152,78 @@ class StimulusDesign(Summary):
                     "crest_factor": s.crest_factor,
                     "sway_rms_deg": np.degrees(s.sway),
                 }
-                for name, s in zip(("sequence", "design"), self.sizes, strict=True)
+                for name, s in zip(STIMULI, self.sizes, strict=True)
             },
             "noise_sway_rms_deg": np.degrees(self.noise_sway),
             "parameters": list(self.names),
-            "predicted_cv": {"sequence": self.cv[0], "design": self.cv[1]},
-            "predicted_cv_with_bounds": {"sequence": self.bounded_cv[0], "design": self.bounded_cv[1]},
+            "predicted_cv": _by_stimulus(self.cv),
+            "predicted_cv_with_bounds": _by_stimulus(self.bounded_cv),
             "other_bodies": asdict(self.others),
             "differences": self._differences(),
             "verification": [_spread(s) for s in self.spreads],
             "bodies": [
-                {
-                    "predicted_ratio": b.predicted,
-                    "sway_ratio": b.sway,
-                    "found": None if b.found is None else _spread(b.found),
-                }
+                {"predicted_ratio": b.predicted, "sway_ratio": b.sway, "found": b.found and _spread(b.found)}
                 for b in self.bodies
             ],
         }
         return dict(plain(value))
 
     def _differences(self) -> list[dict[str, Any]]:
-        shown = self.designed.difference
-        if shown is None:
+        difference = self.designed.difference
+        if difference is None:
             return []
         return [
-            {"effect": name, "sizes": sizes, "sequence": one, "design": other}
-            for name, sizes, one, other in zip(shown.effects, shown.sizes, *self.distances, strict=True)
+            {"effect": name, "sizes": sizes, **_by_stimulus(distances)}
+            for name, sizes, distances in zip(difference.effects, difference.sizes, self.distances.T, strict=True)
         ]
 
-    def write(self, out: Path) -> None:
-        """Write ``design.json``, ``waveform.csv`` and ``study.toml`` into a folder."""
-        from mcstudy.files.json_files import ensure_folder, write_json, write_text
 
-        ensure_folder(out)
-        write_json(out / DOCUMENT, self.to_dict(), "stimulus_design")  # first: it marks the folder as a design's
-        write_text(out / "waveform.csv", self.csv())
-        write_text(out / "study.toml", self.study.to_toml().rstrip("\n"))
+def _by_stimulus(pair: Sequence[Any] | np.ndarray) -> dict[str, Any]:
+    return dict(zip(STIMULI, pair, strict=True))
 
 
 def _spread(s: Spread) -> dict[str, Any]:
-    pairs = {"cv": s.cv, "bias": s.bias, "at_bound": s.at_bound}
     return {
         "cost": s.cost,
         "fmax_hz": s.fmax,
         "realizations": s.n,
-        **{name: {"sequence": value[0], "design": value[1]} for name, value in pairs.items()},
+        **{name: _by_stimulus(getattr(s, name)) for name in ("cv", "bias", "at_bound")},
         "ratio": s.ratio,
         "ratio_error": s.ratio_error,
         "mean_ratio": s.mean,
         "mean_ratio_error": s.mean_error,
     }
+
+
+def design_record(designed: Designed, results: xr.DataTree | None = None) -> StimulusDesignRecord:
+    """The record of a design and, where it was verified, of the cube of its verification."""
+    file, model = designed.file, designed.model
+    powers = designed.before, designed.after
+    cv, bounded_cv = (
+        np.stack([predicted(file, model, designed.f, p, bounded) for p in powers]) for bounded in (False, True)
+    )
+    bodies = []
+    for n, section in enumerate(bodies_of(designed)):
+        body = model_of(file, section)
+        sequence, design = (predicted(file, body, designed.f, p, bounded=True) for p in powers)
+        sway = size_of(body, designed.stimulus).sway / size_of(body, designed.sequence).sway
+        fits = None if results is None else spreads(results, f"body{n + 1:02d}_", "ml")[0]
+        bodies.append(BodyCheck(geometric_mean(sequence / design), float(sway.max()), fits))
+    unknown = drawn_costs(file, model, OTHER, "others", designed.sequence, designed.f)
+    difference = designed.difference
+    return StimulusDesignRecord(
+        designed=designed,
+        cv=cv,
+        bounded_cv=bounded_cv,
+        sizes=(size_of(model, designed.sequence), size_of(model, designed.stimulus)),
+        noise_sway=noise_sway(file, model),
+        others=OtherBodies.of(ratios(unknown, designed.after), file.limits.sway),
+        spreads=() if results is None else tuple(s for cost in costs(file) for s in spreads(results, "", cost)),
+        bodies=tuple(bodies),
+        distances=np.zeros((2, 0)) if difference is None else np.stack([difference.distances(p) for p in powers]),
+    )
+
+
+def geometric_mean(values: np.ndarray) -> float:
+    """Of all ``values``."""
+    return float(np.exp(np.log(values).mean()))

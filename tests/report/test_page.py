@@ -319,3 +319,27 @@ def test_groups_that_differ_in_the_solver_alone_share_the_figure_of_starts(tmp_p
     (figure,) = [f for f in search_figures(context) if f.key == "starts"]
     assert isinstance(figure, Figure)
     assert [panel.title.split(",")[0] for panel in figure.panels] == ["group lm", "group emulated"]
+
+
+def test_a_study_of_ones_own_names_no_publication(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = {p.name: 0.97 * p.value for p in two_segment().parameters}
+    model = {"truth": own, "body": {"J2": 7.2}}
+    axes = {"realizations": 3, "starts": 2, "fmax": [1.2], "amplitude": [4.0]}
+    study = Study("own", seed=3)
+    study = study.group("noisy", **axes, model=model, fit={"cost": "ml"})
+    study = study.group("hip", **axes, model=model, fit={"cost": "ml"}, stimulus={"kind": "hip_torque"})
+    study = study.group("exact", **axes | {"realizations": 1}, model=model, fit={"cost": "ml"}, simulator="none")
+    out = tmp_path / "out.zarr"
+    run_study(study, out, ClusterOptions(workers=1))
+    assert main(["show", str(out)]) == main(["show", str(out), "--json"]) == Exit.DONE
+    assert main(["report", str(out), "-o", str(tmp_path / "own.html")]) == Exit.DONE
+    shown = capsys.readouterr().out + html.unescape((tmp_path / "own.html").read_text(encoding="utf-8"))
+    assert "your values (study file); the body is yours, too" in shown
+    assert re.findall(r".{0,60}(?:Goodworth|Table I|Fig\. |the paper).{0,60}", shown) == []
+
+
+def test_values_replaced_in_python_are_not_called_those_of_a_publication() -> None:
+    model = two_segment()
+    assert model.with_values({}).provenance == model.provenance
+    assert model.with_values({"K11": 900.0}).provenance.endswith("; replaced by your values: K11")
+    assert model.with_values({p.name: 1.1 * p.value for p in model.parameters}).provenance == "your values"

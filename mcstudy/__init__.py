@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from mcstudy.results.comparison import Comparison
     from mcstudy.results.diagnosis import Diagnosis
     from mcstudy.stance.body import Body
+    from mcstudy.stance.feedback import Filter, Model, Parameter, Term
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
 
@@ -47,13 +48,17 @@ _FROM = {
     "Comparison": "results.comparison",
     "Diagnosis": "results.diagnosis",
     "Effect": "effect_library.effect",
+    "Filter": "stance.feedback",
     "FitResult": "report.person.plots:FitWithFigures",
     "FrfRecording": "recordings.frf",
     "GroupResult": "identification.people.group_result",
     "InputError": "errors",
     "Interrupted": "errors",
+    "Model": "stance.feedback",
+    "Parameter": "stance.feedback",
     "Recording": "recordings.recording",
     "Study": "study.design",
+    "Term": "stance.feedback",
     "Trial": "recordings.recording",
     "compare": "api.compare",
     "design": "api.design",
@@ -91,13 +96,17 @@ __all__ = [
     "Comparison",
     "Diagnosis",
     "Effect",
+    "Filter",
     "FitResult",
     "FrfRecording",
     "GroupResult",
     "InputError",
     "Interrupted",
+    "Model",
+    "Parameter",
     "Recording",
     "Study",
+    "Term",
     "Trial",
     "__version__",
     "compare",

@@ -114,7 +114,9 @@ def expression(text: str, known: Collection[str], what: str, example: str) -> Ex
 
 
 def _floats(value: Any) -> Any:
-    """Numbers as floats, for which every operation has a result; complex ones stay complex."""
+    """Numbers as floats, for which every operation has a result; complex ones and polynomials stay what they are."""
+    if getattr(value, "__array_ufunc__", value) is None:
+        return value
     return np.asarray(value, dtype=complex if np.iscomplexobj(value) else float)[()]
 
 

@@ -62,6 +62,6 @@ def _numbers(monomials: tuple[Monomial, ...], values: Mapping[str, float]) -> tu
 
 def low_pass_of_order(name: str, time_constant: str, curvature: str) -> Filter:
     """1 / (q tau^2 s^2 + tau s + 1): of first order for q = 0, with double root for 0.25, of Butterworth for 0.5."""
-    one = Monomial(1.0, 0)
+    unity = Monomial(1.0, 0)
     linear, square = Monomial(1.0, 1, ((time_constant, 1),)), Monomial(1.0, 2, ((time_constant, 2), (curvature, 1)))
-    return Filter(name, (one,), (one, linear, square))
+    return Filter(name, (unity,), (unity, linear, square))

@@ -29,9 +29,9 @@ def terms(*rows: Term, at_joint: bool = False) -> Callable[[Model], Model]:
     return lambda model: add.add_terms(model, *rows, at_joint=at_joint)
 
 
-def terms_filter(which: Callable[[Term], bool], filt: Filter) -> Callable[[Model], Model]:
-    """Build step: a filter on the terms that ``which`` selects."""
-    return lambda model: add.filter_terms(model, which, filt)
+def terms_filter(selects: Callable[[Term], bool], filt: Filter) -> Callable[[Model], Model]:
+    """Build step: a filter on the terms that ``selects`` selects."""
+    return lambda model: add.filter_terms(model, selects, filt)
 
 
 def output(angles: tuple[int, ...], time_constant: str, curvature: str) -> Callable[[Model], Model]:
@@ -59,11 +59,11 @@ def through(model: Model, corner: str, row: Term, ratio: str = "") -> Model:
 def _integral(row: str, sense: str, gain: str, leak: str, ratio: str = "") -> Callable[[Model], Model]:
     """Build step: gain / (s + leak) of an angle, late as the row's feedback."""
     filt = Filter(leak, (Monomial(1.0, 1),), (Monomial(1.0, 1), Monomial(1.0, 0, ((leak, 1),))))
-    own = Term(row, sense, (gain,), -1, add.OWN, (leak,), noisy=True)
+    integral = Term(row, sense, (gain,), -1, add.OWN, (leak,), noisy=True)
 
     def build(model: Model) -> Model:
-        model = add.add_terms(model.with_terms(filters=(filt,)), own)
-        return add.add_hip_share(model, own, ratio) if ratio else model
+        model = add.add_terms(model.with_terms(filters=(filt,)), integral)
+        return add.add_hip_share(model, integral, ratio) if ratio else model
 
     return build
 
@@ -176,9 +176,6 @@ def _order(name: str) -> Form:
     """Curvature of a low-pass."""
     return Form(
         name=name,
-        unit="",
-        nominal=0.0,
-        low=0.0,
         high=0.5,
         meaning="curvature: 0 of first order, 0.25 of two lags",
         source="0.5 for a Butterworth filter",
@@ -209,7 +206,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="Bpas1",
                 unit="N m s/rad",
-                null=0.0,
                 lower=-40.0,
                 upper=140.0,
                 published=(11.0, 69.0),
@@ -222,20 +218,12 @@ DECLARATIONS: tuple[Effect, ...] = (
             Form(
                 name="T_Bpas1",
                 unit="s",
-                nominal=0.0,
-                low=0.0,
                 high=0.08,
                 meaning="time constant of a spring in series with the damper",
                 source=_SERIES,
             ),
             Form(
-                name="ratio_Bpas1",
-                unit="",
-                nominal=0.0,
-                low=0.0,
-                high=0.2,
-                meaning="damping of the hip relative to the ankle",
-                source=_RATIO_OF_SIZES,
+                name="ratio_Bpas1", high=0.2, meaning="damping of the hip relative to the ankle", source=_RATIO_OF_SIZES
             ),
         ),
     ),
@@ -247,7 +235,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="Bpas2",
                 unit="N m s/rad",
-                null=0.0,
                 lower=-15.0,
                 upper=40.0,
                 published=(3.0, 14.0),
@@ -260,8 +247,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Form(
                 name="T_Bpas2",
                 unit="s",
-                nominal=0.0,
-                low=0.0,
                 high=0.08,
                 meaning="time constant of a spring in series with the damper",
                 source=_SERIES,
@@ -276,7 +261,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="Tact",
                 unit="s",
-                null=0.0,
                 lower=0.0,
                 upper=0.20,
                 published=(0.025, 0.107),
@@ -289,7 +273,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         forms=(
             Form(
                 name="zeta_activation",
-                unit="",
                 nominal=ACTIVATION_DAMPING,
                 low=0.7,
                 high=1.7,
@@ -299,7 +282,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             ),
             Form(
                 name="ratio_activation",
-                unit="",
                 nominal=1.0,
                 low=0.5,
                 high=1.5,
@@ -315,8 +297,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         sizes=(
             Size(
                 name="Gforce",
-                unit="",
-                null=0.0,
                 lower=-1.5,
                 upper=4.0,
                 published=(1.0, 2.0),
@@ -336,15 +316,7 @@ DECLARATIONS: tuple[Effect, ...] = (
                 meaning="time constant of force feedback",
                 source="half to twice the published 15 to 18 s, which are fits of group means",
             ),
-            Form(
-                name="ratio_force",
-                unit="",
-                nominal=0.0,
-                low=0.0,
-                high=0.4,
-                meaning="loop gain of the hip relative to the ankle",
-                source=_SPLIT,
-            ),
+            Form(name="ratio_force", high=0.4, meaning="loop gain of the hip relative to the ankle", source=_SPLIT),
         ),
     ),
     Effect(
@@ -355,7 +327,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="Ki1",
                 unit="N m/(rad s)",
-                null=0.0,
                 lower=-100.0,
                 upper=300.0,
                 published=(77.0, 134.0),
@@ -366,19 +337,10 @@ DECLARATIONS: tuple[Effect, ...] = (
         source="Peterka 2002 (J Neurophysiol 88:1097) and later studies",
         forms=(
             Form(
-                name="leak_Ki1",
-                unit="1/s",
-                nominal=0.0,
-                low=0.0,
-                high=0.25,
-                meaning="rate at which the integral is forgotten",
-                source=_LEAK,
+                name="leak_Ki1", unit="1/s", high=0.25, meaning="rate at which the integral is forgotten", source=_LEAK
             ),
             Form(
                 name="ratio_Ki1",
-                unit="",
-                nominal=0.0,
-                low=0.0,
                 high=0.25,
                 meaning="integral gain of the hip relative to the ankle",
                 source=_RATIO_OF_SIZES,
@@ -393,7 +355,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="Ki2",
                 unit="N m/(rad s)",
-                null=0.0,
                 lower=-60.0,
                 upper=80.0,
                 published=(15.0, 40.0),
@@ -404,13 +365,7 @@ DECLARATIONS: tuple[Effect, ...] = (
         source="range of the ankle times K22 / K11",
         forms=(
             Form(
-                name="leak_Ki2",
-                unit="1/s",
-                nominal=0.0,
-                low=0.0,
-                high=0.25,
-                meaning="rate at which the integral is forgotten",
-                source=_LEAK,
+                name="leak_Ki2", unit="1/s", high=0.25, meaning="rate at which the integral is forgotten", source=_LEAK
             ),
         ),
     ),
@@ -422,7 +377,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="Ka1",
                 unit="N m s^2/rad",
-                null=0.0,
                 lower=-17.0,
                 upper=17.0,
                 published=(6.0, 15.0),
@@ -435,23 +389,9 @@ DECLARATIONS: tuple[Effect, ...] = (
         source="89 N m s^2/rad is published for one segment; with a free hip the loop is unstable above 19 "
         "(= 1 / (M^-1)_11)",
         forms=(
+            Form(name="T_Ka1", unit="s", high=0.05, meaning="time constant of the sensed acceleration", source=_SENSED),
             Form(
-                name="T_Ka1",
-                unit="s",
-                nominal=0.0,
-                low=0.0,
-                high=0.05,
-                meaning="time constant of the sensed acceleration",
-                source=_SENSED,
-            ),
-            Form(
-                name="ratio_Ka1",
-                unit="",
-                nominal=0.0,
-                low=0.0,
-                high=0.4,
-                meaning="acceleration gain of the hip relative to the ankle",
-                source=_SPLIT,
+                name="ratio_Ka1", high=0.4, meaning="acceleration gain of the hip relative to the ankle", source=_SPLIT
             ),
         ),
     ),
@@ -462,8 +402,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         sizes=(
             Size(
                 name="eps_trunk",
-                unit="",
-                null=0.0,
                 lower=-0.5,
                 upper=0.8,
                 published=(0.10, 0.30),
@@ -476,9 +414,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         forms=(
             Form(
                 name="height_eps_trunk",
-                unit="",
-                nominal=0.0,
-                low=0.0,
                 high=0.5,
                 meaning="relative error of the height of the trunk's centre per relative error of its mass",
                 source="0 for mass alone, 1/3 for a trunk that is larger in every direction",
@@ -492,8 +427,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         sizes=(
             Size(
                 name="eps_leg",
-                unit="",
-                null=0.0,
                 lower=-0.8,
                 upper=1.5,
                 published=(0.10, 0.30),
@@ -506,7 +439,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         forms=(
             Form(
                 name="moment_eps_leg",
-                unit="",
                 nominal=1.0,
                 low=0.5,
                 high=1.5,
@@ -522,8 +454,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         sizes=(
             Size(
                 name="eps_stim",
-                unit="",
-                null=0.0,
                 lower=-0.7,
                 upper=1.5,
                 published=(0.05, 0.10),
@@ -538,8 +468,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Form(
                 name="T_eps_stim",
                 unit="s",
-                nominal=0.0,
-                low=0.0,
                 high=0.04,
                 meaning="time constant with which the error fades",
                 source=_ACTUATOR,
@@ -554,7 +482,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="Tstim",
                 unit="s",
-                null=0.0,
                 lower=-0.05,
                 upper=0.12,
                 published=(0.010, 0.040),
@@ -565,15 +492,7 @@ DECLARATIONS: tuple[Effect, ...] = (
         source="actuator and acquisition latency 10-40 ms; a negative value means that the clock of the angles is late",
         order=2,
         forms=(
-            Form(
-                name="lag_Tstim",
-                unit="",
-                nominal=0.0,
-                low=0.0,
-                high=0.5,
-                meaning="time constant of a lag relative to the delay",
-                source=_ACTUATOR,
-            ),
+            Form(name="lag_Tstim", high=0.5, meaning="time constant of a lag relative to the delay", source=_ACTUATOR),
         ),
     ),
     Effect(
@@ -584,7 +503,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="tau_stim",
                 unit="s",
-                null=0.0,
                 lower=0.0,
                 upper=0.15,
                 published=(0.010, 0.040),
@@ -604,7 +522,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="tau_theta1",
                 unit="s",
-                null=0.0,
                 lower=0.0,
                 upper=0.20,
                 published=(0.010, 0.050),
@@ -624,7 +541,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="tau_theta2",
                 unit="s",
-                null=0.0,
                 lower=0.0,
                 upper=0.20,
                 published=(0.010, 0.050),
@@ -644,7 +560,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="tau_sensors",
                 unit="s",
-                null=0.0,
                 lower=0.0,
                 upper=0.20,
                 published=(0.010, 0.050),
@@ -657,7 +572,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         forms=(
             Form(
                 name="ratio_sensors",
-                unit="",
                 nominal=1.0,
                 low=0.7,
                 high=1.3,
@@ -674,7 +588,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="m_head",
                 unit="kg",
-                null=0.0,
                 lower=-3.0,
                 upper=15.0,
                 published=(4.0, 6.0),
@@ -699,7 +612,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         forms=(
             Form(
                 name="zeta_head",
-                unit="",
                 nominal=RESONANCE_DAMPING,
                 low=0.05,
                 high=0.4,
@@ -717,7 +629,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="m_loose",
                 unit="kg",
-                null=0.0,
                 lower=-3.0,
                 upper=15.0,
                 published=(4.0, 6.0),
@@ -742,7 +653,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         forms=(
             Form(
                 name="zeta_loose",
-                unit="",
                 nominal=RESONANCE_DAMPING,
                 low=0.05,
                 high=0.4,
@@ -759,7 +669,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="Bsl",
                 unit="N m s/rad",
-                null=0.0,
                 lower=-60.0,
                 upper=200.0,
                 published=(20.0, 80.0),
@@ -777,17 +686,7 @@ DECLARATIONS: tuple[Effect, ...] = (
         ),
         build=_reflex,
         source="assumption: latency 40-60 ms, gain of the order of magnitude of the passive damping",
-        forms=(
-            Form(
-                name="T_Bsl",
-                unit="s",
-                nominal=0.0,
-                low=0.0,
-                high=0.03,
-                meaning="time constant of the reflex torque",
-                source=_SENSED,
-            ),
-        ),
+        forms=(Form(name="T_Bsl", unit="s", high=0.03, meaning="time constant of the reflex torque", source=_SENSED),),
     ),
     Effect(
         name="biarticular_coupling",
@@ -797,7 +696,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="Kbi",
                 unit="N m/rad",
-                null=0.0,
                 lower=-250.0,
                 upper=250.0,
                 published=(30.0, 120.0),
@@ -815,39 +713,20 @@ DECLARATIONS: tuple[Effect, ...] = (
         forms=(
             Form(
                 name="ratio_Kbi",
-                unit="",
                 nominal=1.0,
                 low=0.5,
                 high=1.5,
                 meaning="stiffness at the ankle relative to the hip",
                 source=_ARMS,
             ),
-            Form(
-                name="T_Kbi",
-                unit="s",
-                nominal=0.0,
-                low=0.0,
-                high=0.08,
-                meaning="damping relative to the stiffness",
-                source=_SERIES,
-            ),
+            Form(name="T_Kbi", unit="s", high=0.08, meaning="damping relative to the stiffness", source=_SERIES),
         ),
     ),
     Effect(
         name="joint_stretch_frame",
         equation="active feedback of theta2 becomes feedback of theta2 + kappa theta1",
         place=("ankle", "hip"),
-        sizes=(
-            Size(
-                name="kappa",
-                unit="",
-                null=0.0,
-                lower=-1.0,
-                upper=1.5,
-                published=(0.3, 1.0),
-                meaning="share of the space frame",
-            ),
-        ),
+        sizes=(Size(name="kappa", lower=-1.0, upper=1.5, published=(0.3, 1.0), meaning="share of the space frame"),),
         build=_stretch_frame,
         source="frame of trunk control, fraction 0 to 1; K12, B12, K21 and B21 absorb it inside their bounds",
         order=1,
@@ -860,7 +739,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="dead_angle",
                 unit="rad",
-                null=0.0,
                 lower=0.0,
                 upper=np.deg2rad(0.5),
                 published=(np.deg2rad(0.05), np.deg2rad(0.2)),
@@ -883,8 +761,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         sizes=(
             Size(
                 name="reweighting",
-                unit="",
-                null=0.0,
                 lower=-0.5,
                 upper=1.0,
                 published=(0.1, 0.35),
@@ -907,8 +783,6 @@ DECLARATIONS: tuple[Effect, ...] = (
         sizes=(
             Size(
                 name="drift",
-                unit="",
-                null=0.0,
                 lower=-0.8,
                 upper=0.8,
                 published=(0.1, 0.3),
@@ -933,7 +807,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="saturation",
                 unit="1/(N m)",
-                null=0.0,
                 lower=0.0,
                 upper=0.5,
                 published=(0.08, 0.10),
@@ -957,7 +830,6 @@ DECLARATIONS: tuple[Effect, ...] = (
             Size(
                 name="motor_noise",
                 unit="N m/sqrt(Hz)",
-                null=0.0,
                 lower=0.0,
                 upper=5.0,
                 published=(0.2, 1.0),

@@ -105,11 +105,11 @@ def sense_tilt(model: Model, terms: Sequence[Term], share: str) -> Model:
     )
 
 
-def filter_terms(model: Model, which: Callable[[Term], bool], filt: Filter) -> Model:
-    """Append a filter to every term that ``which`` selects."""
-    if not any(which(t) for t in model.terms):
+def filter_terms(model: Model, selects: Callable[[Term], bool], filt: Filter) -> Model:
+    """Append a filter to every term that ``selects`` selects."""
+    if not any(selects(t) for t in model.terms):
         raise ModelError(f"model {model.name}: no term for filter {filt.name} to act on")
-    terms = tuple(replace(t, filters=(*t.filters, filt.name)) if which(t) else t for t in model.terms)
+    terms = tuple(replace(t, filters=(*t.filters, filt.name)) if selects(t) else t for t in model.terms)
     return replace(model, terms=terms, filters=(*model.filters, filt))
 
 

@@ -47,8 +47,8 @@ class Size:
     """
 
     name: str
-    unit: str
-    null: float | None
+    unit: str = ""
+    null: float | None = 0.0
     lower: float
     upper: float
     published: tuple[float, float]
@@ -116,9 +116,9 @@ class Form:
     """
 
     name: str
-    unit: str
-    nominal: float
-    low: float
+    unit: str = ""
+    nominal: float = 0.0
+    low: float = 0.0
     high: float
     meaning: str
     source: str

@@ -261,7 +261,7 @@ def _with_torque(
     sway = simulate(model, theta, stimulus, rate, noise=noise, rules=rules, substeps=substeps)
     if torque is None:
         return sway
-    own = np.zeros_like(noise) if rules.motor_noise is None else rules.motor_noise
+    motor_noise = np.zeros_like(noise) if rules.motor_noise is None else rules.motor_noise
     extra, step, last = np.zeros_like(noise), 0.8, np.inf
     for _ in range(ITERATIONS):
         with np.errstate(over="ignore", invalid="ignore"):
@@ -269,7 +269,7 @@ def _with_torque(
         if not np.isfinite(wanted).all():
             break
         extra = extra + step * (wanted - extra)
-        changed = replace(rules, motor_noise=own + extra)
+        changed = replace(rules, motor_noise=motor_noise + extra)
         after = simulate(model, theta, stimulus, rate, noise=noise, rules=changed, substeps=substeps)
         change = float(np.abs(after.theta - sway.theta).max() / np.abs(after.theta).max())
         sway = after

@@ -141,8 +141,8 @@ def _protocol(
         raise InputError(f"stimulus: expected one of {', '.join(STIMULI)}, got {stimulus!r}")
     if not amplitudes:
         raise InputError("amplitude: expected at least one number, got none")
-    for one in amplitudes:
-        AMPLITUDE.require(one, "amplitude")
+    for peak in amplitudes:
+        AMPLITUDE.require(peak, "amplitude")
     if waveform.samples * cycles > MAX_SAMPLES:
         raise InputError(
             f"cycles: expected a trial of at most {MAX_SAMPLES} samples, got {cycles} cycles of {waveform.samples}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,3 +37,25 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
         return toml(text)
     except ValueError as error:
         raise DesignError(f"not valid TOML: {error}") from None
+
+
+def toml_lines(path: str, table: Mapping[str, Any]) -> Iterator[str]:
+    """The lines of a table called ``path`` ("" for the whole file) of plain values; a list of tables has one a line."""
+    plain = {k: v for k, v in table.items() if not isinstance(v, dict)}
+    if path and (plain or not table):
+        yield f"\n[{path}]"
+    for key, value in plain.items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            yield f"{key} = ["
+            for row in value:
+                yield "  { " + ", ".join(f"{k} = {_value(v)}" for k, v in row.items() if v is not None) + " },"
+            yield "]"
+        else:
+            yield f"{key} = {_value(value)}"
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from toml_lines(f"{path}.{key}" if path else key, value)
+
+
+def _value(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False)

@@ -125,7 +125,7 @@ class LinearModel:
         """
         out = np.array(points, dtype=float, order="C")
         with np.errstate(invalid="ignore"):  # data that are not finite stop the steps, silently here: the fit reports
-            data, weight = problem.data / self.output, problem.weight * self.output[:, None, :]
+            data, weight = problem.y / self.output, problem.weight * self.output[:, None, :]
         movable = np.ones(out.shape[1], dtype=bool) if movable is None else movable
         bounds, mixes = Bounds(self.model.lower, self.model.upper), np.ascontiguousarray(mixes, dtype=float)
         propose(self.table, bounds, data, weight, movable, mixes, out)

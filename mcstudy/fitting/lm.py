@@ -8,7 +8,7 @@ import numpy as np
 
 from mcstudy.compiling.addresses import apart
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, LaneStates, Outcomes, StopRules, pack
+from mcstudy.fitting.arguments import Bounds, LaneStates, Outcomes, StopRules
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.fitting.plans import kept_plan, plan, workspace
 from mcstudy.fitting.problem import Fits, Problem, queued, small_problem
@@ -44,7 +44,7 @@ def compile_kernel() -> None:
 
 def normal_equations(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the kernel computes at parameter vectors ``theta`` (S, P): cost (S,), J^T r (S, P), J^T J (S, P, P)."""
-    table, packed = plan(problem.model, problem.f), pack(problem.data, problem.weight)
+    table, packed = plan(problem.model, problem.f), problem.packed
     work = workspace(table)
     slots = work.w.reshape(-1, WIDTH)
     S, P = theta.shape

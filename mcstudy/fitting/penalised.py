@@ -7,15 +7,15 @@ counts 4 N real degrees of freedom; every whitened vector here is real with unit
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Bounds, Ends, Goal, PenalisedFits, Prior, Queue, Restraint, StopRules, pack
+from mcstudy.fitting.arguments import Bounds, Ends, Goal, PenalisedFits, Prior, Queue, Restraint, StopRules
 from mcstudy.fitting.outermost_kernel import outermost
 from mcstudy.fitting.penalised_kernel import penalised_fits
 from mcstudy.fitting.plans import kept_plan, workspace
-from mcstudy.spectra.lines import Lines
+from mcstudy.fitting.problem import Data
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
 
@@ -33,29 +33,6 @@ def whiten(weight: np.ndarray, r: np.ndarray) -> np.ndarray:
     z = np.einsum("nij,nj...->ni...", weight, r)
     z = z.reshape(-1, *z.shape[2:])
     return np.concatenate([z.real, z.imag])
-
-
-@dataclass(frozen=True)
-class Data:
-    """Lines in the form the fits read: f (N,), y (N, 2), weight (N, 2, 2) from `LineNoise.whitener`."""
-
-    f: np.ndarray
-    y: np.ndarray
-    weight: np.ndarray
-
-    @classmethod
-    def of(cls, lines: Lines) -> Data:
-        """From measured lines."""
-        return cls(lines.f, lines.y, lines.noise.whitener)
-
-    @property
-    def packed(self) -> np.ndarray:
-        """Data and weights in the kernel's order, (8 N,)."""
-        return pack(self.y, self.weight)
-
-    def with_y(self, y: np.ndarray) -> Data:
-        """The same lines with other responses."""
-        return replace(self, y=y)
 
 
 @dataclass(frozen=True)

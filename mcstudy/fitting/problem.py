@@ -11,8 +11,9 @@ Both costs are one half-quadratic form: with W_n a 2 x 2 complex lower-triangula
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -22,36 +23,58 @@ from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
 
+if TYPE_CHECKING:
+    from mcstudy.spectra.lines import Lines
+
 
 @dataclass(frozen=True)
-class Problem:
-    """One least-squares problem.
+class Data:
+    """Measured FRFs in the form that fits read.
 
     Attributes
     ----------
-    model: the model fitted; its bounds are the bounds of the fit.
     f: frequencies, Hz, (N,).
-    data: measured FRFs of the two angles, rad per unit of stimulus, (N, 2) complex.
+    y: FRFs of the two angles, rad per unit of stimulus, (N, 2) complex.
     weight: W_n, (N, 2, 2) complex, lower triangular with real diagonal.
     """
 
-    model: Model
     f: np.ndarray
-    data: np.ndarray
+    y: np.ndarray
     weight: np.ndarray
+
+    @classmethod
+    def of(cls, lines: Lines) -> Data:
+        """Measured lines, with `LineNoise.whitener` as their weights."""
+        return Data(lines.f, lines.y, lines.noise.whitener)
 
     @property
     def finite(self) -> bool:
         """Whether data and weights can be fitted at all."""
-        return bool(np.isfinite(self.data).all() and np.isfinite(self.weight).all())
+        return bool(np.isfinite(self.y).all() and np.isfinite(self.weight).all())
 
-    def head(self, n: int) -> Problem:
-        """The same problem on its first ``n`` frequencies (weights unchanged)."""
-        return Problem(self.model, self.f[:n], self.data[:n], self.weight[:n])
+    @property
+    def packed(self) -> np.ndarray:
+        """Data and weights in the kernel's order, (8 N,)."""
+        return pack(self.y, self.weight)
+
+    def with_y(self, y: np.ndarray) -> Self:
+        """The same with other responses."""
+        return replace(self, y=y)
+
+    def head(self, n: int) -> Self:
+        """The same on the first ``n`` frequencies (weights unchanged)."""
+        return replace(self, f=self.f[:n], y=self.y[:n], weight=self.weight[:n])
+
+
+@dataclass(frozen=True)
+class Problem(Data):
+    """One least-squares problem: data, and the model that is fitted, whose bounds are those of the fit."""
+
+    model: Model
 
     def residual(self, theta: np.ndarray) -> np.ndarray:
         """Weighted residuals as a real vector (4 N,), whose squared norm is the cost."""
-        return _real(np.einsum("nij,nj->ni", self.weight, frf(self.model, theta, self.f) - self.data))
+        return _real(np.einsum("nij,nj->ni", self.weight, frf(self.model, theta, self.f) - self.y))
 
     def jacobian(self, theta: np.ndarray) -> np.ndarray:
         """Exact derivative of `residual`, (4 N, P)."""
@@ -76,7 +99,7 @@ def paper_cost(model: Model, f: np.ndarray, data: np.ndarray) -> Problem:
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in range(model.n_angles):
             weight[:, k, k] = 1.0 / (np.abs(data[:, k]) * np.sqrt(model.n_angles * data.shape[0]))
-    return Problem(model, np.asarray(f, dtype=float), data, weight)
+    return Problem(np.asarray(f, dtype=float), data, weight, model)
 
 
 def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarray) -> Problem:
@@ -88,7 +111,7 @@ def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarra
         weight[angles] = np.linalg.inv(np.linalg.cholesky(covariance[angles]))
     else:
         weight[angles] = np.nan
-    return Problem(model, np.asarray(f, dtype=float), data, weight)
+    return Problem(np.asarray(f, dtype=float), data, weight, model)
 
 
 @cache
@@ -101,7 +124,7 @@ def small_problem() -> Problem:
 def queued(problems: Sequence[Problem], which: np.ndarray, starts: np.ndarray) -> Queue:
     """Starts (M, P) of problems that share model and frequencies, for a kernel; ``which``: problem of each, (M,)."""
     return Queue(
-        packed=np.stack([pack(p.data, p.weight) for p in problems]),
+        packed=np.stack([p.packed for p in problems]),
         problem=np.ascontiguousarray(which, dtype=np.int64),
         starts=np.ascontiguousarray(starts),
     )

@@ -15,7 +15,7 @@ import numpy as np
 from mcstudy.compiling.addresses import apart
 from mcstudy.compiling.decorators import KEPT, NotCompiledError, only_compiled
 from mcstudy.fitting import kernel
-from mcstudy.fitting.arguments import Bounds, Prior, Queue, pack
+from mcstudy.fitting.arguments import Bounds, Prior, Queue
 from mcstudy.fitting.linearised import POOL, LinearModel
 from mcstudy.fitting.lm import normal_equations
 from mcstudy.fitting.plans import plan, workspace
@@ -98,7 +98,7 @@ def compile_steps() -> None:
     problem = small_problem()
     table, truth = plan(problem.model, problem.f), problem.model.truth
     work, bounds = workspace(table), Bounds(problem.model.lower, problem.model.upper)
-    queue = Queue(pack(problem.data, problem.weight)[None], np.zeros(1, dtype=np.int64), truth[None].copy())
+    queue = Queue(problem.packed[None], np.zeros(1, dtype=np.int64), truth[None].copy())
     kernel.begin(work, 0, queue, 0, bounds)
     kernel.bounded_step(work, bounds)
 
@@ -130,7 +130,7 @@ def compile_diagnosis() -> None:
     problem = small_problem()
     model = problem.model
     fitter = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f)
-    data = pack(problem.data, problem.weight)
+    data = problem.packed
     with apart():
         fitter.fits(data, model.truth)
     gaussian_factor(np.eye(2), np.ones((2, 1)), 1.0)
@@ -146,7 +146,7 @@ def compile_intervals() -> None:
     model = problem.model
     fitter, P = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f), model.truth.size
     with apart():
-        fitter.ends(pack(problem.data, problem.weight), model.truth[None], np.eye(1, P), np.ones(1), np.ones(1))
+        fitter.ends(problem.packed, model.truth[None], np.eye(1, P), np.ones(1), np.ones(1))
 
 
 def _part(function: Callable[[], None], functions: int, seconds: float, *calls: str) -> Part:

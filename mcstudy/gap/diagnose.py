@@ -12,7 +12,8 @@ from functools import partial
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unknown import LENGTHS
 from mcstudy.gap.diagnosis import DiagnosisRecord

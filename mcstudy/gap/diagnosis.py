@@ -11,7 +11,8 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap import nearest_words, tables, verdict
 from mcstudy.gap.questions.closure import Closure, noise_rms_deg
 from mcstudy.gap.questions.contrasts import Contrast

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.effect_library.library import effect
-from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.evidence import Hypothesis, single, together
 from mcstudy.gap.settings import DiagnosisSettings

@@ -22,7 +22,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, whiten
+from mcstudy.fitting.penalised import whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.profile import Linearised
 from mcstudy.identification.quantities import Quantity
 from mcstudy.stance.feedback import Model

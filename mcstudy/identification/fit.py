@@ -10,7 +10,8 @@ from scipy.special import ndtri
 
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
-from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.assessment import assessed
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import DRAWS, Draws, simulated

@@ -8,7 +8,8 @@ import numpy as np
 
 from mcstudy.fitting.arguments import PenalisedFits, Prior
 from mcstudy.fitting.certainty import missed
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.lines.base_fit import drawn_starts, linearised_starts
 from mcstudy.lines.priors import weak_prior
 from mcstudy.stance.feedback import Model

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.minimum import Minima, search, without_prior
 from mcstudy.spectra.bands import Bands, published
 from mcstudy.spectra.lines import Lines

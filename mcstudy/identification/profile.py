@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mcstudy.fitting.outermost_kernel import BOUND, DATA, GAVE_UP
-from mcstudy.fitting.penalised import ENDED, Data, Fitter
+from mcstudy.fitting.penalised import ENDED, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.fitting.standard_errors import wald_covariance
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.quantities import Quantity

@@ -18,7 +18,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri
 
-from mcstudy.fitting.penalised import Data, whiten
+from mcstudy.fitting.penalised import whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.correction import Draws, correction
 from mcstudy.identification.curvature import curvature
 from mcstudy.identification.minimum import Minima

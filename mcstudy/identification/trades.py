@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.correction import simulated
 from mcstudy.identification.minimum import Minima, without_prior
 from mcstudy.identification.profile import Profile, profiles

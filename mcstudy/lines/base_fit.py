@@ -18,8 +18,8 @@ import numpy as np
 
 from mcstudy.errors import ModelError
 from mcstudy.fitting.linearised import linearised
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
-from mcstudy.fitting.problem import Problem
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data, Problem
 from mcstudy.lines.priors import DELAY_SPREAD_S, opened, weak_prior
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
@@ -119,7 +119,7 @@ def linearised_starts(model: Model, data: Data, seed: int, n: int = LINEARISED) 
         }
     )
     try:
-        return linearised(Problem(near, data.f, data.y, data.weight), stream(seed, "gap linearised"), n)
+        return linearised(Problem(data.f, data.y, data.weight, near), stream(seed, "gap linearised"), n)
     except ModelError:
         return np.empty((0, len(model.parameters)))
 

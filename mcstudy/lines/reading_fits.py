@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mcstudy.fitting.penalised import ITERATIONS, TOLERANCE, Data, Fitted, Fitter
+from mcstudy.fitting.penalised import ITERATIONS, TOLERANCE, Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.lines.base_fit import drawn_starts, linearised_starts, lowest_minima
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model

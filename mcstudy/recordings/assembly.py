@@ -14,6 +14,7 @@ from mcstudy.recordings.data_files import Files
 from mcstudy.recordings.formats.source import SHOWN, Picked
 from mcstudy.recordings.frf import COLUMNS, FrfRecording, frf_of_columns
 from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.refusals import refused
 from mcstudy.recordings.sheets.body_sheet import body_of
 from mcstudy.recordings.sheets.recording_sheet import Sheet, TrialSheet, document
 from mcstudy.recordings.sheets.tables import described
@@ -55,7 +56,7 @@ def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) ->
         raise RecordingError(f"{where}: trials: expected at least one")
     read, notes = trials_of(sheet, files, where)
     notes = (*notes, *([source] if source else []))
-    try:
+    with refused(RecordingError, where=where):
         recording = Recording(
             tuple(r.trial for r in read),
             read[0].rate_hz,
@@ -68,8 +69,6 @@ def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) ->
             person=sheet.person,
             condition=sheet.condition,
         )
-    except RecordingError as error:
-        raise RecordingError(f"{where}: {error}") from error
     return Assembled(recording, read, notes)
 
 
@@ -103,11 +102,9 @@ def _frf(sheet: Sheet, files: Files, where: str) -> FrfRecording:
         stimulus or target, target, f"{where}: units.stimulus"
     )
     f, y, C, single = frf_of_columns({n: p.values for n, p in picked.items()}, scale, str(file.path))
-    try:
-        provenance = "; ".join(filter(None, (sheet.provenance, remark, *files.remarks())))
+    provenance = "; ".join(filter(None, (sheet.provenance, remark, *files.remarks())))
+    with refused(RecordingError, where=file.path):
         return FrfRecording(f, y, C, sheet.stimulus, body, single, sheet.name, provenance)
-    except RecordingError as error:
-        raise RecordingError(f"{file.path}: {error}") from error
 
 
 def _frf_units(sheet: Sheet, columns: Mapping[str, Picked], where: str) -> tuple[str | None, str | None]:

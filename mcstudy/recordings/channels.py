@@ -14,6 +14,7 @@ from mcstudy.recordings.faults import angle_faults
 from mcstudy.recordings.formats.source import Picked
 from mcstudy.recordings.markers import space_angles
 from mcstudy.recordings.recording import MOST_TRIALS, RATE_HZ, Trial, refuse_size
+from mcstudy.recordings.refusals import require_within, size_text
 from mcstudy.recordings.resampling import METHOD, filled, resampled, whole_samples
 from mcstudy.recordings.sheets.recording_sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
 from mcstudy.recordings.soundness import FILLABLE, without_gaps
@@ -62,29 +63,27 @@ def trials_of(sheet: Sheet, files: Files, where: str) -> tuple[tuple[Read, ...],
     Raises `RecordingError`, one line that names ``where``, the trial and the channel.
     """
     refuse_size(len(sheet.trials), 0, where)
-    found: list[tuple[TrialSheet, tuple[Series, ...]]] = []
+    pieces: list[tuple[TrialSheet, tuple[Series, ...]]] = []
     for k, trial in enumerate(sheet.trials, start=1):
         for parts in _series(sheet, trial, files, f"{where}: trial {k}"):
-            found.append((trial, parts))
-            if len(found) > MOST_TRIALS:
+            pieces.append((trial, parts))
+            if len(pieces) > MOST_TRIALS:
                 raise RecordingError(f"{where}: trials: expected at most {MOST_TRIALS}, got more")
-            refuse_size(len(found), sum(p[0].values.size for _, p in found), where)
-    rate = _common_rate(sheet, [parts for _, parts in found], where)
+            refuse_size(len(pieces), sum(p[0].values.size for _, p in pieces), where)
+    rate = _common_rate(sheet, [parts for _, parts in pieces], where)
     done = [
         Read(trial.file or "", parts, _trial(sheet, trial, parts, rate, f"{where}: trial {k}"), rate)
-        for k, (trial, parts) in enumerate(found, start=1)
+        for k, (trial, parts) in enumerate(pieces, start=1)
     ]
-    return tuple(done), (*files.remarks(), *_notes(sheet, [parts for _, parts in found], rate))
+    return tuple(done), (*files.remarks(), *_notes(sheet, [parts for _, parts in pieces], rate))
 
 
 def _common_rate(sheet: Sheet, trials: Sequence[tuple[Series, ...]], where: str) -> float:
     rates = [s.rate_hz for parts in trials for s in parts]
     for rate in rates:
-        if fault := RATE_HZ.fault(rate):
-            raise RecordingError(f"{where}: rate_hz: {fault}")
+        require_within(RATE_HZ, rate, f"{where}: rate_hz")
+    require_within(RATE_HZ, sheet.resample_hz, f"{where}: resample_hz")
     if sheet.resample_hz is not None:
-        if fault := RATE_HZ.fault(sheet.resample_hz):
-            raise RecordingError(f"{where}: resample_hz: {fault}")
         return sheet.resample_hz
     lowest = min(rates)
     # Rates that are read from time columns differ in the last digits; without a stated one their median holds.
@@ -93,11 +92,11 @@ def _common_rate(sheet: Sheet, trials: Sequence[tuple[Series, ...]], where: str)
     first = trials[0]
     if len({s.rate_hz for s in first}) == 1:
         for k, parts in enumerate(trials, start=1):
-            own = parts[0].rate_hz
-            if len({s.rate_hz for s in parts}) == 1 and abs(own / first[0].rate_hz - 1) > SAME_RATE:
+            rate_of_trial = parts[0].rate_hz
+            if len({s.rate_hz for s in parts}) == 1 and abs(rate_of_trial / first[0].rate_hz - 1) > SAME_RATE:
                 raise RecordingError(
-                    f"{where}: trial {k}: time: {own:g} Hz, but the first trials have {first[0].rate_hz:g} Hz; "
-                    "to bring them to one rate, state resample_hz"
+                    f"{where}: trial {k}: time: {rate_of_trial:g} Hz, but the first trials have "
+                    f"{first[0].rate_hz:g} Hz; to bring them to one rate, state resample_hz"
                 )
     return lowest
 
@@ -105,8 +104,8 @@ def _common_rate(sheet: Sheet, trials: Sequence[tuple[Series, ...]], where: str)
 def _notes(sheet: Sheet, trials: Sequence[tuple[Series, ...]], rate: float) -> tuple[str, ...]:
     notes = list(dict.fromkeys(s.remark for parts in trials for s in parts if s.remark))
     changed = {(s.channel, s.rate_hz) for parts in trials for s in parts if abs(s.rate_hz / rate - 1) > SAME_RATE}
-    for channel, own in sorted(changed):
-        notes.append(f"{channel} resampled from {own:g} to {rate:g} Hz by a {METHOD}")
+    for channel, rate_hz in sorted(changed):
+        notes.append(f"{channel} resampled from {rate_hz:g} to {rate:g} Hz by a {METHOD}")
     if sheet.upper_body == "space":
         notes.append("theta2 is the upper body's angle in space minus theta1")
     if sheet.markers is not None:
@@ -148,13 +147,13 @@ def _require_whole(series: Series, where: str) -> None:
     """Raise `RecordingError` for an angle with a gap or a jump: a filter would spread it, and nobody could see it."""
     if not np.isfinite(series.values).all():
         return
-    found = angle_faults(series.values, series.rate_hz)
-    if not found:
+    faults = angle_faults(series.values, series.rate_hz)
+    if not faults:
         return
-    first, longest = found[0], max((f.stop - f.start) / series.rate_hz for f in found)
-    fill = all(f.kind in FILLABLE for f in found)
+    first, longest = faults[0], max((f.stop - f.start) / series.rate_hz for f in faults)
+    fill = all(f.kind in FILLABLE for f in faults)
     raise RecordingError(
-        f"{where}: {series.channel}: {len(found)} gaps or jumps (held values, spikes, steps), the first at "
+        f"{where}: {series.channel}: {len(faults)} gaps or jumps (held values, spikes, steps), the first at "
         f"t = {first.start / series.rate_hz:.4g} s, the longest of {longest:.2g} s, which resampling would spread; "
         + (f"state fill_gaps_s (--fill-gaps {np.ceil(100 * longest) / 100:g})" if fill else "import at one common rate")
     )
@@ -182,10 +181,10 @@ def _series(sheet: Sheet, trial: TrialSheet, files: Files, where: str) -> list[t
 
         lower, upper = space_angles(markers, source, fill, where)
         columns |= {"theta1": [lower], "theta2": [upper]}
-    counts = {name: len(found) for name, found in columns.items()}
+    counts = {name: len(trials) for name, trials in columns.items()}
     if len(set(counts.values())) > 1:
-        told = ", ".join(f"{name} {n}" for name, n in counts.items())
-        raise RecordingError(f"{where}: split.by: expected as many trials in every channel, got {told}")
+        numbers = ", ".join(f"{name} {n}" for name, n in counts.items())
+        raise RecordingError(f"{where}: split.by: expected as many trials in every channel, got {numbers}")
     out = []
     for k in range(counts["stimulus"]):
         picked = {name: columns[name][k] for name in CHANNELS}
@@ -212,28 +211,27 @@ def _arranged(sheet: Sheet, channel: Channel, trial: TrialSheet, name: str, file
     by = sheet.split.by
     if by == "elements":
         return [_flat(p, f"{source.path}: {p.name}") for p in source.elements(str(key))]
-    found = source.pick(key)
-    values = found.values
+    picked = source.pick(key)
+    values = picked.values
     if by is None or values.ndim != 2:
-        return [_flat(found, f"{source.path}: {found.name}")]
+        return [_flat(picked, f"{source.path}: {picked.name}")]
     table = values if by == "columns" else values.T
     if table.shape[1] > MOST_TRIALS:
         raise RecordingError(
-            f"{source.path}: {found.name}: expected at most {MOST_TRIALS} trials, got {table.shape[1]} {by}; "
+            f"{source.path}: {picked.name}: expected at most {MOST_TRIALS} trials, got {table.shape[1]} {by}; "
             "is it the other way round?"
         )
-    return [replace(found, values=table[:, k]) for k in range(table.shape[1])]
+    return [replace(picked, values=table[:, k]) for k in range(table.shape[1])]
 
 
-def _flat(found: Picked, where: str) -> Picked:
-    values = found.values
+def _flat(picked: Picked, where: str) -> Picked:
+    values = picked.values
     if sum(n > 1 for n in values.shape) > 1:
-        shape = " x ".join(map(str, values.shape))
         raise RecordingError(
-            f"{where}: expected one row or column, got {shape}; name a column as {found.name}[:,0], or state that "
-            'trials are its columns (split by = "columns", --split columns)'
+            f"{where}: expected one row or column, got {size_text(values.shape)}; name a column as "
+            f'{picked.name}[:,0], or state that trials are its columns (split by = "columns", --split columns)'
         )
-    return replace(found, values=values.ravel())
+    return replace(picked, values=values.ravel())
 
 
 def _pieces(
@@ -258,18 +256,20 @@ def _pieces(
     return [tuple(_cut(s, begin, end, where) for s in parts) for begin, end in starts]
 
 
-def _converted(sheet: Sheet, name: str, channel: Channel, found: Picked, clock: _Timed | None, where: str) -> Series:
+def _converted(sheet: Sheet, name: str, channel: Channel, picked: Picked, clock: _Timed | None, where: str) -> Series:
     where = f"{where}: {name}"
     target = STIMULI[sheet.stimulus] if name == "stimulus" else "rad"
     if abs(channel.scale) < 1 / LARGEST_SCALE:
         raise RecordingError(
             f"{where}.scale: expected a size from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}, got {channel.scale:g}"
         )
-    unit = _unit(sheet, name, channel, found, target, where)
+    unit = _unit(sheet, name, channel, picked, target, where)
     scale = channel.scale * factor(unit or target, target, where)
-    timed = clock if clock is not None and found.rate_hz in (None, clock.stated) and channel.rate_hz is None else None
-    values = found.values if timed is None or found.values.size != timed.samples else timed.clock.regular(found.values)
-    rate = _rate(sheet, channel, found, timed, where)
+    timed = clock if clock is not None and picked.rate_hz in (None, clock.stated) and channel.rate_hz is None else None
+    values = (
+        picked.values if timed is None or picked.values.size != timed.samples else timed.clock.regular(picked.values)
+    )
+    rate = _rate(sheet, channel, picked, timed, where)
     values, missing = values if scale == 1.0 else values * scale, 0
     if sheet.fill_gaps_s:
         values, missing = filled(values, whole_samples(sheet.fill_gaps_s, rate), where, rate)
@@ -277,32 +277,33 @@ def _converted(sheet: Sheet, name: str, channel: Channel, found: Picked, clock: 
             values, more = without_gaps(values, rate, sheet.fill_gaps_s)
             missing += more
     remark = timed.clock.remark if timed else ""
-    return Series(name, found.name, unit or target, scale, values, rate, missing, remark, assumed=unit is None)
+    return Series(name, picked.name, unit or target, scale, values, rate, missing, remark, assumed=unit is None)
 
 
-def _unit(sheet: Sheet, name: str, channel: Channel, found: Picked, target: str, where: str) -> str | None:
+def _unit(sheet: Sheet, name: str, channel: Channel, picked: Picked, target: str, where: str) -> str | None:
     """The unit of a channel, before its scale: declared, or stated by its file, and never of another kind."""
     general = sheet.units.stimulus if name == "stimulus" else sheet.units.angle
     from_markers = sheet.markers is not None and name != "stimulus"
     declared = None if from_markers else channel.unit or general
-    stated = found.unit or (found.angle_unit if target == "rad" else None)
+    stated = picked.unit or (picked.angle_unit if target == "rad" else None)
     calibrated = abs(channel.scale) != 1.0  # the unit is that of the product: volts times N m per volt
     if sheet.units.stated == "ignored" or (calibrated and declared is not None):
         stated = None
-    unit = agreed(declared, stated, target, where, found.name)
+    unit = agreed(declared, stated, target, where, picked.name)
     return "rad" if from_markers else unit
 
 
-def _rate(sheet: Sheet, channel: Channel, found: Picked, timed: _Timed | None, where: str) -> float:
+def _rate(sheet: Sheet, channel: Channel, picked: Picked, timed: _Timed | None, where: str) -> float:
     if timed is not None:
         return timed.clock.rate_hz
     declared = channel.rate_hz or sheet.rate_hz
-    if found.rate_hz is not None:
-        if declared is not None and abs(found.rate_hz / declared - 1) > SAME_RATE:
+    if picked.rate_hz is not None:
+        if declared is not None and abs(picked.rate_hz / declared - 1) > SAME_RATE:
             raise RecordingError(
-                f"{where}: rate_hz: declared {declared:g} Hz, but the file states {found.rate_hz:g} Hz for {found.name}"
+                f"{where}: rate_hz: declared {declared:g} Hz, but the file states {picked.rate_hz:g} Hz for "
+                f"{picked.name}"
             )
-        return found.rate_hz
+        return picked.rate_hz
     if declared is None:
         raise RecordingError(
             f"{where.rsplit(': ', 1)[0]}: rate_hz: expected a rate or a time column (numbers, or time stamps)"
@@ -328,16 +329,16 @@ def _clock(sheet: Sheet, trial: TrialSheet, stimulus: Picked, files: Files, wher
             return None
         channel = Channel(column=column)
     file, key = _pick_from(channel, trial, "time", where)
-    found = _flat(files.source(file).pick(key), f"{where}: time")
-    if found.values.size != stimulus.values.size:
-        raise RecordingError(f"{where}: time: {found.values.size} rows, but the stimulus has {stimulus.values.size}")
+    picked = _flat(files.source(file).pick(key), f"{where}: time")
+    if picked.values.size != stimulus.values.size:
+        raise RecordingError(f"{where}: time: {picked.values.size} rows, but the stimulus has {stimulus.values.size}")
     declared = channel.unit or (sheet.units.time if "time" in sheet.units.model_fields_set else None)
-    stated = None if sheet.units.stated == "ignored" or abs(channel.scale) != 1.0 else found.unit
-    unit = agreed(declared, stated, "s", f"{where}: time", found.name) or "s"
+    stated = None if sheet.units.stated == "ignored" or abs(channel.scale) != 1.0 else picked.unit
+    unit = agreed(declared, stated, "s", f"{where}: time", picked.name) or "s"
     scale = channel.scale * factor(unit, "s", f"{where}: time")
-    rate = sheet.rate_hz or found.rate_hz
-    clock = clock_of(found.values * scale, rate, sheet.resample_hz, sheet.fill_gaps_s, where)
-    return _Timed(clock, found.values.size, found.rate_hz)
+    rate = sheet.rate_hz or picked.rate_hz
+    clock = clock_of(picked.values * scale, rate, sheet.resample_hz, sheet.fill_gaps_s, where)
+    return _Timed(clock, picked.values.size, picked.rate_hz)
 
 
 def _starts(
@@ -368,13 +369,13 @@ def _starts(
 def _event_times(given: Starts, first: Series, trial: TrialSheet, files: Files, where: str) -> np.ndarray:
     if trial.file is None:
         raise RecordingError(f"{where}: expected a file")
-    found = _flat(files.source(trial.file).pick(given.column), where)
+    picked = _flat(files.source(trial.file).pick(given.column), where)
     if given.above is None:
-        return found.values * factor(given.unit, "s", where)
-    rate = found.rate_hz or first.rate_hz
-    if found.rate_hz is None and found.values.size != first.values.size:
-        raise RecordingError(f"{where}: {found.values.size} rows, but the stimulus has {first.values.size}")
-    return (np.flatnonzero(np.diff((found.values > given.above).astype(np.int8)) > 0) + 1) / rate
+        return picked.values * factor(given.unit, "s", where)
+    rate = picked.rate_hz or first.rate_hz
+    if picked.rate_hz is None and picked.values.size != first.values.size:
+        raise RecordingError(f"{where}: {picked.values.size} rows, but the stimulus has {first.values.size}")
+    return (np.flatnonzero(np.diff((picked.values > given.above).astype(np.int8)) > 0) + 1) / rate
 
 
 def _cut(series: Series, begin: float, end: float, where: str) -> Series:

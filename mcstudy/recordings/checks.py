@@ -103,8 +103,8 @@ def _numbers(values: np.ndarray, rate: float, where: str) -> None:
 
 
 def _ranges(recording: Recording, trial: Trial, where: str) -> None:
-    for c, name in enumerate(("theta1", "theta2")):
-        half = np.ptp(trial.theta[:, c]) / 2
+    for name, values in _channels(trial)[1:]:
+        half = np.ptp(values) / 2
         if half > LARGEST_SWAY:
             raise RecordingError(
                 f"{where}: {name}: sways ±{half:.3g} rad (±{np.rad2deg(half):.3g} deg), which no standing person does; "
@@ -114,17 +114,13 @@ def _ranges(recording: Recording, trial: Trial, where: str) -> None:
             raise RecordingError(
                 f"{where}: {name}: sways ±{half:.3g} rad; expected at least {SMALLEST_SWAY:g} rad; is the unit right?"
             )
-    limit = LARGEST_STIMULUS[recording.stimulus_unit]
-    if trial.peak > limit:
+    unit, peak = recording.stimulus_unit, trial.peak
+    if not SMALLEST_STIMULUS[unit] <= peak <= LARGEST_STIMULUS[unit]:
+        large = peak > LARGEST_STIMULUS[unit]
+        limit = f"less than {LARGEST_STIMULUS[unit]:g}" if large else f"at least {SMALLEST_STIMULUS[unit]:g}"
         raise RecordingError(
-            f"{where}: stimulus: reaches ±{trial.peak:.3g} {recording.stimulus_unit}; expected less than {limit:g} "
-            f"for {recording.stimulus}; is the unit right?"
-        )
-    least = SMALLEST_STIMULUS[recording.stimulus_unit]
-    if trial.peak < least:
-        raise RecordingError(
-            f"{where}: stimulus: reaches ±{trial.peak:.3g} {recording.stimulus_unit}; expected at least {least:g} "
-            f"for {recording.stimulus}; is the unit right?"
+            f"{where}: stimulus: reaches ±{peak:.3g} {unit}; expected {limit} for {recording.stimulus}; "
+            "is the unit right?"
         )
 
 
@@ -148,8 +144,10 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
     size = np.sqrt(np.mean(u**2))
     difference = np.sqrt(np.mean((u[period:] - u[:-period]) ** 2) / 2) / size
     if difference > PERIODIC:
-        found = _true_period(trial.stimulus - trial.stimulus.mean())
-        hint = f"it repeats every {found / recording.rate_hz:g} s" if found else "no period found; leave period_s out"
+        repeats = _true_period(trial.stimulus - trial.stimulus.mean())
+        hint = (
+            f"it repeats every {repeats / recording.rate_hz:g} s" if repeats else "no period found; leave period_s out"
+        )
         raise RecordingError(
             f"{where}: period_s: the stimulus does not repeat every {recording.period_s:g} s "
             f"(periods differ by {100 * difference:.0f} %); {hint}"
@@ -274,8 +272,8 @@ def _common_delay(trials: Sequence[_Alike]) -> tuple[int, float, float]:
 def repeats_every(stimulus: np.ndarray, rate_hz: float) -> float | None:
     """Period of a stimulus (n,), s, which it has at least twice, or None."""
     u = stimulus - stimulus.mean()
-    found = _true_period(u)
-    return None if found is None or 2 * found > u.size else found / rate_hz
+    lag = _true_period(u)
+    return None if lag is None or 2 * lag > u.size else lag / rate_hz
 
 
 def _true_period(u: np.ndarray) -> int | None:

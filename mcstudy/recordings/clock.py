@@ -15,6 +15,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.formats.text import LARGEST_NUMBER
 from mcstudy.recordings.recording import RATE_HZ
+from mcstudy.recordings.refusals import require_within
 from mcstudy.recordings.resampling import at_regular_times
 
 UNIFORM = 1.5
@@ -128,15 +129,14 @@ def clock_of(
                 f"{where}: time: {many}: gap of {longest:g} s after t = {place:g} s; expected steps of {period:g} s; "
                 f"to interpolate, state a longest gap (fill_gaps_s, --fill-gaps) of at least {longest - period:.3g} s"
             )
-        told = f"{lost} lost rows (longest gap {longest:.3g} s) are missing values"
-        return Clock(_rate(int(rows[-1]) + 1, span, stated, where), rows=rows, remark=told)
+        remark = f"{lost} lost rows (longest gap {longest:.3g} s) are missing values"
+        return Clock(_rate(int(rows[-1]) + 1, span, stated, where), rows=rows, remark=remark)
     if stated is not None:
         _rate(time.size, (time.size - 1) * _line(time, np.arange(time.size))[0], stated, where)
         return Clock(stated, remark=f"time stamps are not used, because a rate of {stated:g} Hz is stated: {fault}")
     if resample_hz is None:
         raise RecordingError(f"{where}: time: {fault}; {REMEDIES}")
-    if fault_of_rate := RATE_HZ.fault(resample_hz):
-        raise RecordingError(f"{where}: resample_hz: {fault_of_rate}")
+    require_within(RATE_HZ, resample_hz, f"{where}: resample_hz")
     step = float(np.median(steps))
     if steps.max() > LONGEST_STEP * step and steps.max() > fill_gaps_s:
         k = int(steps.argmax())
@@ -146,8 +146,8 @@ def clock_of(
         )
     mean = _rate(time.size, span, None, where)
     rate = resample_hz * max(1, math.ceil(mean / resample_hz * (1 - SAME_RATE)))
-    told = f"values interpolated by their time stamps at {rate:g} Hz (cubic spline): {fault}"
-    return Clock(rate, stamps=time - time[0], remark=told)
+    remark = f"values interpolated by their time stamps at {rate:g} Hz (cubic spline): {fault}"
+    return Clock(rate, stamps=time - time[0], remark=remark)
 
 
 def _checked(time: np.ndarray, stated: float | None, where: str) -> tuple[float, np.ndarray]:
@@ -159,8 +159,7 @@ def _checked(time: np.ndarray, stated: float | None, where: str) -> tuple[float,
         raise RecordingError(f"{where}: time: expected at least 10 samples, got {time.size}")
     if np.abs(time).max() > LARGEST_NUMBER:
         raise RecordingError(f"{where}: time: expected at most {LARGEST_NUMBER:g} s, got {np.abs(time).max():g} s")
-    if stated is not None and (fault := RATE_HZ.fault(stated)):
-        raise RecordingError(f"{where}: rate_hz: {fault}")
+    require_within(RATE_HZ, stated, f"{where}: rate_hz")
     return float(time[-1] - time[0]), np.diff(time)
 
 

@@ -104,8 +104,8 @@ def refuse_copies(
             published.append((name, r))
             continue
         for k, trial in enumerate(r.trials, start=1):
-            own = name if len(r.trials) == 1 else f"{name}, trial {k}"
-            trials.append(_Signature.of(own, trial, r.rate_hz, r.period_s))
+            label = name if len(r.trials) == 1 else f"{name}, trial {k}"
+            trials.append(_Signature.of(label, trial, r.rate_hz, r.period_s))
     pair = _first_copy(trials) or next(((a, b) for (a, x), (b, y) in combinations(published, 2) if _equal(x, y)), None)
     if pair is not None:
         raise RecordingError(
@@ -168,13 +168,13 @@ def _copy(a: _Signature, b: _Signature, lag: int) -> bool:
     start, stop = max(0, -lag) + 1, min(len(a.x), len(b.x) - lag) - 2
     if stop - start < OVERLAP * min(len(a.x), len(b.x)):
         return False
-    own, other = a.x[start:stop], slice(start + lag, stop + lag)
-    power = _power(own)
+    samples, other = a.x[start:stop], slice(start + lag, stop + lag)
+    power = _power(samples)
     known = [c for c in (a.cycles, b.cycles) if c is not None]
     limit = max(ROUNDING * power, COPY * min(known) if known else COPY_APERIODIC * power)
-    if _apart(own - b.x[other]) > 2 * limit + BETWEEN * power:
+    if _apart(samples - b.x[other]) > 2 * limit + BETWEEN * power:
         return False
-    return any(_apart(own - _between(b.x, other, part)) <= limit for part in np.arange(LAGS) / LAGS)
+    return any(_apart(samples - _between(b.x, other, part)) <= limit for part in np.arange(LAGS) / LAGS)
 
 
 def _between(x: np.ndarray, at: slice, part: float) -> np.ndarray:

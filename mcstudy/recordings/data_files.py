@@ -14,12 +14,12 @@ from mcstudy.recordings.guards import inside
 class Files:
     """The data files of one description, each opened once.
 
-    ``folder``: where the files are that the description names, and out of which no name may lead. ``own``: names that
-    the user gave himself, which may lead anywhere.
+    ``folder``: where the files are that the description names, and out of which no name may lead. ``user_names``: those
+    that the user gave himself, which may lead anywhere.
     """
 
-    def __init__(self, folder: Path, dialect: Dialect, where: str, own: Iterable[str] = ()) -> None:
-        self._folder, self._dialect, self._where, self._own = folder, dialect, where, frozenset(own)
+    def __init__(self, folder: Path, dialect: Dialect, where: str, user_names: Iterable[str] = ()) -> None:
+        self._folder, self._dialect, self._where, self._own = folder, dialect, where, frozenset(user_names)
         self._sources: dict[str, Source] = {}
 
     def source(self, name: str) -> Source:

@@ -100,8 +100,8 @@ def angle_faults(x: np.ndarray, rate_hz: float) -> tuple[Fault, ...]:
     typical = 1.4826 * float(np.median(size[moves]))
     jumps = _jumps(step, moves, max(JUMP * typical, MATTERS * sd), rate_hz)
     held = _held(x, moves, jumps, equal, float(np.quantile(size[moves], 0.01)), sd, typical)
-    found = [*held, *_excursions(x, jumps[size[jumps] > JUMP_MATTERS * sd], held, rate_hz)]
-    return tuple(sorted(f for f in found if f.stop > BEGINNING_S * rate_hz))
+    faults = [*held, *_excursions(x, jumps[size[jumps] > JUMP_MATTERS * sd], held, rate_hz)]
+    return tuple(sorted(f for f in faults if f.stop > BEGINNING_S * rate_hz))
 
 
 def _held(
@@ -116,13 +116,13 @@ def _held(
     starts, lengths = edges[:-1], np.diff(edges)
     longest = int(lengths.max())
     jumping = (np.isin(starts - 1, jumps) | np.isin(starts + lengths - 1, jumps)) & (lengths >= LEAST_HELD)
-    found: list[tuple[int, int]] = []
+    stretches: list[tuple[int, int]] = []
     width, high, low = 1, x, x
     while 2 * width <= longest:
         high, low = np.maximum(high[:-width], high[width:]), np.minimum(low[:-width], low[width:])
         width *= 2
-        own = np.flatnonzero((lengths >= width) & (lengths < 2 * width))
-        if width < LEAST_HELD or own.size == 0:
+        stretch_numbers = np.flatnonzero((lengths >= width) & (lengths < 2 * width))
+        if width < LEAST_HELD or stretch_numbers.size == 0:
             continue
         # Windows of this width that meet no value held as long: what the angle does otherwise.
         meets = np.zeros(high.size + 1, dtype=int)
@@ -136,22 +136,22 @@ def _held(
         least, usual = float(ranges.min()), float(np.median(ranges))
         if least <= STEPS * max(smallest, equal):
             continue
-        for k in own:
+        for k in stretch_numbers:
             a, b = int(starts[k]), int(starts[k] + lengths[k])
             if np.ptp(x[a:b]) > 2 * equal:  # moves slowly, in steps too small to count
                 continue
             if least > STEPS * _resolution(x, float(x[a]), equal) and max(usual, _abrupt(x, a, b)) >= MATTERS * sd:
-                found.append((a, b))
+                stretches.append((a, b))
     changes = np.abs(np.diff(x)) > max(NOTABLE * typical, equal)
-    found = [(a, b) for a, b in found if a > 0 and _lively(changes, a, b)]
-    found = sorted({*found, *((int(starts[k]), int(starts[k] + lengths[k])) for k in np.flatnonzero(jumping))})
-    ends = {e: sum(abs(x[a] - e) <= equal for a, _ in found) for e in (float(x.max()), float(x.min()))}
+    stretches = [(a, b) for a, b in stretches if a > 0 and _lively(changes, a, b)]
+    stretches = sorted({*stretches, *((int(starts[k]), int(starts[k] + lengths[k])) for k in np.flatnonzero(jumping))})
+    ends = {e: sum(abs(x[a] - e) <= equal for a, _ in stretches) for e in (float(x.max()), float(x.min()))}
 
     def kind(a: int, b: int) -> str:
         at_end = any(many >= CLIPPED and abs(x[a] - e) <= equal for e, many in ends.items())
         return "clipped" if at_end and _abrupt(x, a, b) <= JUMP * typical else "held"
 
-    return [Fault(a, b, kind(a, b), float(x[a])) for a, b in found]
+    return [Fault(a, b, kind(a, b), float(x[a])) for a, b in stretches]
 
 
 def _abrupt(x: np.ndarray, start: int, stop: int) -> float:
@@ -181,22 +181,22 @@ def _resolution(x: np.ndarray, value: float, equal: float) -> float:
 def _jumps(step: np.ndarray, moves: np.ndarray, least: float, rate_hz: float) -> np.ndarray:
     """Indices of steps (n - 1,) above ``least`` that are jumps."""
     size = np.abs(step)
-    found = np.flatnonzero(size > least)
+    large = np.flatnonzero(size > least)
     reach = max(NEAR, round(NEAR_S * rate_hz))
     near = []
-    for k in found:
+    for k in large:
         around = np.r_[max(k - reach, 0) : max(k - 1, 0), k + 2 : k + reach + 1]
         around = around[around < size.size]
         around = around[moves[around]]
         near.append(float(np.median(size[around])) if around.size else 0.0)
-    return found[size[found] > JUMP * np.array(near)] if found.size else found
+    return large[size[large] > JUMP * np.array(near)] if large.size else large
 
 
 def _excursions(x: np.ndarray, jumps: np.ndarray, held: Sequence[Fault], rate_hz: float) -> list[Fault]:
     """Spikes and steps: jumps that no held value begins or ends with."""
     edges = {e for f in held for e in (f.start - 1, f.stop - 1)}
     left = [int(k) for k in jumps if k not in edges]
-    out, k = [], 0
+    excursions, k = [], 0
     while k < len(left):
         a = left[k]
         height = float(x[a + 1] - x[a])
@@ -209,12 +209,12 @@ def _excursions(x: np.ndarray, jumps: np.ndarray, held: Sequence[Fault], rate_hz
             None,
         )
         if back is None:
-            out.append(Fault(a, a + 2, "step", height))
+            excursions.append(Fault(a, a + 2, "step", height))
             k += 1
         else:
-            out.append(Fault(a + 1, left[back] + 1, "spike", height))
+            excursions.append(Fault(a + 1, left[back] + 1, "spike", height))
             k = back + 1
-    return out
+    return excursions
 
 
 def stimulus_faults(u: np.ndarray, period: int, rate_hz: float) -> tuple[Fault, ...]:

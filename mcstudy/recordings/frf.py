@@ -9,6 +9,7 @@ import numpy as np
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.gain_and_phase import response
 from mcstudy.recordings.recording import LEAST_LINES, escape_texts
+from mcstudy.recordings.refusals import require_known, require_within
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model
@@ -83,17 +84,13 @@ class FrfRecording(Summary):
         sd = np.sqrt(np.maximum(variance, 0.0))
         for label, allowed, of_lines in (("f", F_HZ, f), ("gain", GAIN, np.abs(y)), ("sd", SD, sd)):
             for value in (float(of_lines.min()), float(of_lines.max())):
-                if fault := allowed.fault(value):
-                    raise RecordingError(f"{name}: {label}: {fault}")
+                require_within(allowed, value, f"{name}: {label}")
         if (late := np.flatnonzero(np.diff(f) <= 0)).size:
             raise RecordingError(
                 f"{name}: f: expected increasing frequencies, got {f[late[0] + 1]:g} Hz after {f[late[0]]:g} Hz"
             )
-        if self.single and self.stimulus not in SINGLE:
-            raise RecordingError(
-                f"{name}: stimulus: expected one of {', '.join(SINGLE)} where one angle was published, "
-                f"got {self.stimulus!r}"
-            )
+        if self.single:
+            require_known(self.stimulus, SINGLE, f"{name}: stimulus", " where one angle was published")
         if (np.abs(C[:, 0, 1]) ** 2 >= (1 - 1e-9) * variance.prod(axis=1)).any():
             raise RecordingError(
                 f"{name}: C: the covariance must be positive definite; expected |c12| below the product of the sd"

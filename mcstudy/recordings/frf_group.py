@@ -20,6 +20,7 @@ from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.frf import GAIN
 from mcstudy.recordings.gain_and_phase import response
 from mcstudy.recordings.guards import content, inside
+from mcstudy.recordings.refusals import refused, require_within
 from mcstudy.recordings.sheets.body_sheet import body_of
 from mcstudy.recordings.sheets.frf_group_sheet import PATTERNS, TableSheet, read_group_sheet
 from mcstudy.recordings.units import factor
@@ -73,10 +74,9 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
     if sheet.upper_body == "hip":
         frf[:, :, 1] += frf[:, :, 0]
     largest = float(np.nanmax(np.abs(frf)))
-    if fault := GAIN.fault(largest):
-        raise RecordingError(f"{table}: gain: {fault}")
+    require_within(GAIN, largest, f"{table}: gain")
     f_line, average = sheet.frf_group.lines()
-    return group_dataset(
+    group = group_dataset(
         frf,
         people,
         conditions,
@@ -85,9 +85,9 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
         average,
         sheet.stimulus,
         body,
-        name=path.stem if sheet.name == "group" else sheet.name,
-        provenance="; ".join(filter(None, (sheet.provenance, source))),
     )
+    name = path.stem if sheet.name == "group" else sheet.name
+    return group.assign_attrs(name=name, provenance="; ".join(filter(None, (sheet.provenance, source))))
 
 
 def group_dataset(
@@ -99,9 +99,6 @@ def group_dataset(
     average: np.ndarray,
     stimulus: str,
     body: Body,
-    *,
-    name: str = "group",
-    provenance: str = "",
 ) -> xr.Dataset:
     """What `read_frf_group` returns, from arrays.
 
@@ -129,10 +126,10 @@ def group_dataset(
             **{factor: ("condition", [values[k] for values in conditions]) for k, factor in enumerate(factors)},
         },
         attrs={
-            "name": name,
+            "name": "group",
             "stimulus": stimulus,
             "body": [float(getattr(body, constant.name)) for constant in fields(Body)],
-            "provenance": provenance,
+            "provenance": "",
         },
     )
 
@@ -144,18 +141,16 @@ def body_of_group(group: xr.Dataset) -> Body:
 
 def _rows(sheet: TableSheet, path: Path) -> tuple[list[str], list[tuple[str, ...]], np.ndarray]:
     """People and conditions in the order of the file, and the FRFs (person, condition, 2, N) as it states them."""
-    try:
+    with refused(ValueError, where=path):
         table = labelled(content(path, LARGEST_FILE))
         header, rows = table
         words = (sheet.person, *sheet.conditions, sheet.segment)
         for name in words:
             table.column(name)
         columns = {name: _columns(sheet, name, header, path) for name in PATTERNS if getattr(sheet, name) is not None}
-        used = [header.index(name) for of in columns.values() for name in of]
+        used = [header.index(name) for names in columns.values() for name in names]
         decimal = decimal_sign([cells[k] for _, cells in rows for k in used])
-    except ValueError as error:
-        raise RecordingError(f"{path}: {error}") from None
-    found: dict[tuple[str, tuple[str, ...]], dict[str, np.ndarray]] = {}
+    responses: dict[tuple[str, tuple[str, ...]], dict[str, np.ndarray]] = {}
     for line, cells in rows:
         row = dict(zip(header, cells, strict=True))
         for name in words:
@@ -165,20 +160,20 @@ def _rows(sheet: TableSheet, path: Path) -> tuple[list[str], list[tuple[str, ...
         if segment not in SEGMENTS:
             raise RecordingError(f"{path}: line {line}: {sheet.segment}: expected lower or upper, got {segment!r}")
         key = row[sheet.person], tuple(row[c] for c in sheet.conditions)
-        own = found.setdefault(key, {})
-        if segment in own:
+        segments = responses.setdefault(key, {})
+        if segment in segments:
             raise RecordingError(f"{path}: line {line}: a second row of {', '.join((key[0], *key[1], segment))}")
-        values = {name: _numbers(row, of, path, line, decimal) for name, of in columns.items()}
-        own[segment] = _complex(values, f"{path}: line {line}")
-    people = list(dict.fromkeys(person for person, _ in found))
-    conditions = list(dict.fromkeys(condition for _, condition in found))
+        values = {name: _numbers(row, names, path, line, decimal) for name, names in columns.items()}
+        segments[segment] = _complex(values, f"{path}: line {line}")
+    people = list(dict.fromkeys(person for person, _ in responses))
+    conditions = list(dict.fromkeys(condition for _, condition in responses))
     if not people:
         raise RecordingError(f"{path}: expected at least one row")
     frf = np.full((len(people), len(conditions), 2, len(sheet.points)), np.nan, dtype=complex)
-    for (person, condition), own in found.items():
-        if missing := [s for s in SEGMENTS if s not in own]:
+    for (person, condition), segments in responses.items():
+        if missing := [s for s in SEGMENTS if s not in segments]:
             raise RecordingError(f"{path}: {', '.join((person, *condition))}: the row of {missing[0]} is missing")
-        frf[people.index(person), conditions.index(condition)] = [own[s] for s in SEGMENTS]
+        frf[people.index(person), conditions.index(condition)] = [segments[s] for s in SEGMENTS]
     _refuse_copies(people, conditions, frf, path)
     return people, conditions, frf
 
@@ -196,18 +191,18 @@ def _columns(sheet: TableSheet, field: str, header: Sequence[str], path: Path) -
     """The columns that a pattern names, one per point in the order of the file; a frequency in a name is checked."""
     before, _, after = getattr(sheet, field).partition("*")
     pattern = re.compile(re.escape(before) + "(.*)" + re.escape(after))
-    found = [(name, m[1]) for name in header if (m := pattern.fullmatch(name))]
-    if len(found) != len(sheet.points) or len({name for name, _ in found}) != len(found):
+    matching = [(name, m[1]) for name in header if (m := pattern.fullmatch(name))]
+    if len(matching) != len(sheet.points) or len({name for name, _ in matching}) != len(matching):
         raise RecordingError(
             f"{path}: {field}: expected {len(sheet.points)} columns {getattr(sheet, field)!r}, one per point, "
-            f"found {len(found)}"
+            f"found {len(matching)}"
         )
     f_line, average = sheet.lines()
-    for (name, label), used in zip(found, average > 0, strict=True):
+    for (name, label), used in zip(matching, average > 0, strict=True):
         f = float(f_line[used].mean())
         if NUMBER.fullmatch(label) and not abs(float(label) / f - 1) <= LABEL_TOLERANCE:
             raise RecordingError(f"{path}: column {name!r}: expected {f:g} Hz, the mean of the harmonics of its point")
-    return [name for name, _ in found]
+    return [name for name, _ in matching]
 
 
 def _numbers(row: dict[str, str], names: Sequence[str], path: Path, line: int, decimal: str) -> np.ndarray:

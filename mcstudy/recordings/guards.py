@@ -16,6 +16,7 @@ from typing import Any
 
 from mcstudy.errors import RecordingError, StoreError
 from mcstudy.files.untrusted import LARGEST_METADATA, check_chunk, json_document, real_bytes, refuse_links, sealed
+from mcstudy.recordings.refusals import refused
 
 LARGEST = 1 << 31
 """Bytes a recording may hold in memory; a header that declares more is refused before anything is read."""
@@ -43,11 +44,10 @@ def regular(path: str | Path) -> None:
 def content(path: Path, most: int) -> bytes:
     """Bytes of a file of at most ``most``; raises `RecordingError` for anything else."""
     try:
-        return real_bytes(path, most, follow=True)
+        with refused(StoreError):
+            return real_bytes(path, most, follow=True)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-    except StoreError as error:
-        raise RecordingError(str(error)) from error
 
 
 def inside(folder: str | Path, name: str, where: str) -> Path:
@@ -67,12 +67,11 @@ def check_zarr(path: str | Path) -> None:
     """Refuse a Zarr store with links in it, of another format or other codecs, or that declares too large a size."""
     path = Path(path)
     try:
-        refuse_links(path)
-        _document(path, "group")
-        for folder in sorted(p for p in path.iterdir() if p.is_dir()):
-            _check_array(folder, _document(folder, "array"))
-    except StoreError as error:
-        raise RecordingError(str(error)) from None
+        with refused(StoreError):
+            refuse_links(path)
+            _document(path, "group")
+            for folder in sorted(p for p in path.iterdir() if p.is_dir()):
+                _check_array(folder, _document(folder, "array"))
     except OSError as error:
         raise RecordingError(f"{path}: expected a Zarr folder: {error.strerror}") from None
 

@@ -15,6 +15,7 @@ from mcstudy.recordings.formats.netcdf_zarr import SHEET, read_dataset, write_cs
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.guards import regular
 from mcstudy.recordings.recording import EXPECTED, Recording
+from mcstudy.recordings.refusals import refused
 
 NETCDF = (".nc", ".nc4", ".h5")
 
@@ -50,10 +51,8 @@ def read_recording(path: str | Path, data: str | Path | None = None) -> Recordin
         recording = replace(recording, name=path.resolve().parent.name if path.name == SHEET else path.stem)
     if isinstance(recording, FrfRecording):
         return recording
-    try:
+    with refused(RecordingError, where=path):
         return replace(recording, suspicions=check(recording))
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
 
 
 def _structure(path: Path, data: Path | None) -> Recording | FrfRecording:
@@ -69,7 +68,7 @@ def _structure(path: Path, data: Path | None) -> Recording | FrfRecording:
                 f"{path}: expected {sheet.name} in the same folder, with rate, units, stimulus and body"
             )
         return read_sheet(sheet, data)
-    if _is_cube(path):
+    if _holds(path, "study_cube"):
         raise RecordingError(f"{path}: this is a results cube (for mcstudy show and mcstudy report); {EXPECTED}")
     if path.is_dir() and path.suffix != ".zarr":
         raise RecordingError(f"{path}: this is a folder{_within(path)}; {EXPECTED}")
@@ -84,13 +83,12 @@ def _within(folder: Path) -> str:
     return f" with {', '.join(held[:3])}{' ...' if len(held) > 3 else ''}" if held else ""
 
 
-def _is_cube(path: Path) -> bool:
-    """Whether a Zarr store says of itself that it holds the results of a study."""
-    try:
-        document = json_document(real_bytes(path / "zarr.json"))
-        return str(document["attributes"]["schema"]).startswith("mcstudy:study_cube:")
-    except (OSError, StoreError, ValueError, KeyError, TypeError):
-        return False
+def _holds(path: Path, kind: str) -> bool:
+    """Whether a Zarr store says of itself that it holds a "recording", or a "study_cube"."""
+    with contextlib.suppress(OSError, StoreError, ValueError, LookupError, TypeError):
+        schema = json_document(real_bytes(path / "zarr.json"))["attributes"]["schema"]
+        return str(schema).startswith(f"mcstudy:{kind}:")
+    return False
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:
@@ -119,12 +117,11 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         raise RecordingError(f"{path}: cannot be written: {path.parent} is not a folder")
     try:
         if path.suffix in NETCDF:
-            try:
+            with refused(StoreError):
                 write_netcdf(recording, path)
-            except StoreError as error:
-                raise RecordingError(str(error)) from None
         elif path.suffix == ".zarr":
-            _refuse_another(path)
+            if path.exists() and not _holds(path, "recording"):
+                raise RecordingError(f"{path}: expected a new name or that of a recording, found something else")
             write_zarr(recording, path)
         elif path.suffix == "":
             own_folder(path, SHEET, "a recording of CSV files")
@@ -134,13 +131,3 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
     return path
-
-
-def _refuse_another(path: Path) -> None:
-    """Refuse to replace a store that is no recording: the results of a study, for example."""
-    if not path.exists():
-        return
-    with contextlib.suppress(OSError, StoreError, ValueError, LookupError, TypeError):
-        if str(json_document(real_bytes(path / "zarr.json"))["attributes"]["schema"]).startswith("mcstudy:recording:"):
-            return
-    raise RecordingError(f"{path}: expected a new name or that of a recording, found something else")

@@ -16,6 +16,7 @@ from mcstudy.recordings.checks import check, repeats_every
 from mcstudy.recordings.formats import open_source
 from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.recording import Recording
+from mcstudy.recordings.refusals import size_text
 from mcstudy.recordings.sheets.recording_sheet import document
 from mcstudy.text_tables import escaped, number, table
 
@@ -90,13 +91,13 @@ def import_files(
     stated = document(Path(described)) if described is not None else {}
     sheet = with_files(merged(stated, options or {}), names, where)
     folder = Path(described).parent if described is not None else Path(".")
-    found: Assembled = assemble(sheet, folder, where, own=names)
-    _require_units(found.read, where)
-    recording = found.recording
+    assembled: Assembled = assemble(sheet, folder, where, own=names)
+    _require_units(assembled.read, where)
+    recording = assembled.recording
     if not recording.name or recording.name == "recording":
         recording = replace(recording, name=Path(names[0] if names else where).stem)
     recording = replace(recording, suspicions=check(recording))
-    return Imported(recording, found.read, (*found.notes, *_odd(recording)))
+    return Imported(recording, assembled.read, (*assembled.notes, *_odd(recording)))
 
 
 def merged(stated: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
@@ -116,14 +117,14 @@ def _require_units(read: Sequence[Read], where: str) -> None:
 
 
 def _odd(recording: Recording) -> list[str]:
-    out = [f"odd: {s.message}" for s in recording.suspicions]
+    remarks = [f"odd: {s.message}" for s in recording.suspicions]
     if recording.period_s is None:
-        found = repeats_every(recording.trials[0].stimulus, recording.rate_hz)
-        if found:
-            out.append(
-                f"the stimulus repeats every {found:g} s; to analyse its periods, state period_s (--period {found:g})"
+        period = repeats_every(recording.trials[0].stimulus, recording.rate_hz)
+        if period:
+            remarks.append(
+                f"the stimulus repeats every {period:g} s; to analyse its periods, state period_s (--period {period:g})"
             )
-    return out
+    return remarks
 
 
 def listing(file: str | Path, dialect: Dialect | None = None) -> str:
@@ -131,7 +132,7 @@ def listing(file: str | Path, dialect: Dialect | None = None) -> str:
     source = open_source(Path(file), dialect or Dialect())
     rows = []
     for k, (name, variable) in enumerate(source.variables.items()):
-        shape = " x ".join(map(str, variable.shape)) + (f" {variable.content}" if variable.content else "")
+        shape = size_text(variable.shape) + (f" {variable.content}" if variable.content else "")
         rate = "-" if variable.rate_hz is None else f"{variable.rate_hz:g}"
         unit = variable.unit or (f"{variable.angle_unit} (angles)" if variable.angle_unit else "-")
         rows.append([name, *([str(k)] if source.numbered else []), shape, unit, rate])

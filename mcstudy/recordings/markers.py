@@ -16,6 +16,7 @@ from pydantic import Field
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.formats.source import Picked, Source
+from mcstudy.recordings.refusals import size_text
 from mcstudy.recordings.sheets.tables import Table
 
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
@@ -43,13 +44,13 @@ def space_angles(
         )
 
     def coordinate(place: tuple[str, ...], axis: str) -> Picked:
-        found = [fill(_coordinate(source, marker, axis[1])) for marker in place]
-        sizes = {p.values.size for p in found}
+        picked = [fill(_coordinate(source, marker, axis[1])) for marker in place]
+        sizes = {p.values.size for p in picked}
         if len(sizes) > 1:
             raise RecordingError(f"{source.path}: {', '.join(place)}: expected markers of the same length")
         sign = -1.0 if axis[0] == "-" else 1.0
-        mean = sign * np.mean([p.values for p in found], axis=0)
-        return Picked(" + ".join(place), mean, found[0].unit, found[0].rate_hz)
+        mean = sign * np.mean([p.values for p in picked], axis=0)
+        return Picked(" + ".join(place), mean, picked[0].unit, picked[0].rate_hz)
 
     def angle(lower: tuple[str, ...], upper: tuple[str, ...]) -> Picked:
         forward, up = (
@@ -71,8 +72,8 @@ def _coordinate(source: Source, marker: str, axis: str) -> Picked:
     name = f"{marker}.{axis}"
     if name in source.variables or marker not in source.variables:
         return source.pick(name)
-    found = source.pick(marker)
-    if found.values.ndim != 2 or found.values.shape[1] != 3:
-        shape = " x ".join(map(str, found.values.shape))
+    picked = source.pick(marker)
+    if picked.values.ndim != 2 or picked.values.shape[1] != 3:
+        shape = size_text(picked.values.shape)
         raise RecordingError(f"{source.path}: {marker}: expected a marker of samples x 3, got {shape}")
-    return Picked(name, found.values[:, _AXES.index(axis)], found.unit, found.rate_hz)
+    return Picked(name, picked.values[:, _AXES.index(axis)], picked.unit, picked.rate_hz)

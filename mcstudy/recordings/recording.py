@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import RecordingError
+from mcstudy.recordings.refusals import require_known, require_within
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.stance.body import STIMULI, Body, two_segment
 from mcstudy.stance.feedback import Model
@@ -193,22 +194,14 @@ class Recording(Summary):
         escape_texts(self, "name", "provenance", "person", "condition")
         if not self.trials:
             raise RecordingError(f"{self.name}: trials: expected at least one")
-        if self.stimulus not in STIMULI:
-            raise RecordingError(
-                f"{self.name}: stimulus kind: expected one of {', '.join(STIMULI)}, got {self.stimulus!r}"
-            )
-        if self.convention not in CONVENTIONS:
-            raise RecordingError(
-                f"{self.name}: convention: expected one of {', '.join(CONVENTIONS)}, got {self.convention!r}"
-            )
+        require_known(self.stimulus, STIMULI, f"{self.name}: stimulus kind")
+        require_known(self.convention, CONVENTIONS, f"{self.name}: convention")
         refuse_size(len(self.trials), sum(t.samples for t in self.trials), self.name)
         for f in fields(self):
-            value = getattr(self, f.name)
-            if "within" in f.metadata and value is not None and (fault := f.metadata["within"].fault(value)):
-                raise RecordingError(f"{self.name}: {f.name}: {fault}")
+            if "within" in f.metadata:
+                require_within(f.metadata["within"], getattr(self, f.name), f"{self.name}: {f.name}")
         for k, trial in enumerate(self.trials, start=1):
-            if trial.amplitude is not None and (fault := AMPLITUDE[self.stimulus_unit].fault(trial.amplitude)):
-                raise RecordingError(f"{self.name}: trial {k}: amplitude: {fault}")
+            require_within(AMPLITUDE[self.stimulus_unit], trial.amplitude, f"{self.name}: trial {k}: amplitude")
             if trial.stimulus.ndim != 1 or trial.theta.shape != (trial.samples, 2):
                 raise RecordingError(
                     f"{self.name}: trial {k}: expected a stimulus (n,) and angles (n, 2), "

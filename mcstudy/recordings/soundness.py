@@ -49,8 +49,8 @@ def _faults(trial: Trial, recording: Recording, discard: int = 1) -> list[_Told]
     """Faults of a trial, those that both angles have at the same time once; none of a quiet start that is discarded."""
     first, second = (angle_faults(x, recording.rate_hz) for x in trial.theta.T)
     by_kind: dict[tuple[str, tuple[str, ...]], list[Fault]] = {}
-    for name, own, other in ((ANGLES[0], first, second), (ANGLES[1], second, first)):
-        for f in own:
+    for name, faults, other in ((ANGLES[0], first, second), (ANGLES[1], second, first)):
+        for f in faults:
             both = any(g.kind == f.kind and g.start < f.stop and f.start < g.stop for g in other)
             if both and name == ANGLES[1]:
                 continue
@@ -62,12 +62,12 @@ def _faults(trial: Trial, recording: Recording, discard: int = 1) -> list[_Told]
             if f.stop <= quiet:
                 continue
             by_kind.setdefault((f.kind, ("stimulus",)), []).append(f)
-    return [_Told(CODES[kind], kind, channels, tuple(own)) for (kind, channels), own in by_kind.items()]
+    return [_Told(CODES[kind], kind, channels, tuple(faults)) for (kind, channels), faults in by_kind.items()]
 
 
 def faults_in_words(recording: Recording, trial: Trial, where: str) -> list[Suspicion]:
     """What is unsound in a trial: what, in which channel, how often, how long, when."""
-    found = [
+    suspicions = [
         Suspicion(t.code, ", ".join(t.channels), _words(t, trial, recording, where)) for t in _faults(trial, recording)
     ]
     if recording.period is None and (end := constant_end(trial.stimulus, recording.rate_hz)) is not None:
@@ -75,39 +75,41 @@ def faults_in_words(recording: Recording, trial: Trial, where: str) -> list[Susp
         message = (
             f"{where}: stimulus: is constant from t = {begin:.4g} s to the end, {lasts:.3g} s, longer than ever before"
         )
-        found.append(Suspicion("stimulus", "stimulus", message))
-    return found
+        suspicions.append(Suspicion("stimulus", "stimulus", message))
+    return suspicions
 
 
-def _words(told: _Told, trial: Trial, recording: Recording, where: str) -> str:
-    rate, faults = recording.rate_hz, told.faults
+def _words(group: _Told, trial: Trial, recording: Recording, where: str) -> str:
+    rate, faults = recording.rate_hz, group.faults
     spans = [(f.stop - f.start) / rate for f in faults]
-    what = _what(told, trial, recording)
+    what = _what(group, trial, recording)
     if len(faults) == 1:
         when = f"at t = {faults[0].start / rate:.4g} s"
-        lasts = "" if told.kind == "step" or spans[0] * rate < 2 else f" for {spans[0]:.2g} s"
-        return f"{where}: {', '.join(told.channels)}: {what}{lasts} {when}"
+        lasts = "" if group.kind == "step" or spans[0] * rate < 2 else f" for {spans[0]:.2g} s"
+        return f"{where}: {', '.join(group.channels)}: {what}{lasts} {when}"
     times = ", ".join(f"{f.start / rate:.4g}" for f in faults[:3]) + (", ..." if len(faults) > 3 else "")
     total = f", {sum(spans):.3g} s in all ({100 * sum(spans) * rate / trial.samples:.2g} %), at most {max(spans):.2g} s"
-    if told.kind == "step":
+    if group.kind == "step":
         total = ""
-    return f"{where}: {', '.join(told.channels)}: {what} {len(faults)} times{total}, at t = {times} s"
+    return f"{where}: {', '.join(group.channels)}: {what} {len(faults)} times{total}, at t = {times} s"
 
 
-def _what(told: _Told, trial: Trial, recording: Recording) -> str:
-    largest = max(told.faults, key=lambda f: abs(f.size))
-    if told.kind == "held":
-        return "is exactly 0" if all(f.size == 0 for f in told.faults) else "is constant"
-    if told.kind == "clipped":
+def _what(group: _Told, trial: Trial, recording: Recording) -> str:
+    largest = max(group.faults, key=lambda f: abs(f.size))
+    if group.kind == "held":
+        return "is exactly 0" if all(f.size == 0 for f in group.faults) else "is constant"
+    if group.kind == "clipped":
         return f"is constant at the end of its range ({np.rad2deg(largest.size):.3g} deg: clipped)"
-    if told.kind in ("spike", "step"):
+    if group.kind in ("spike", "step"):
         up = f"{abs(np.rad2deg(largest.size)):.2g} deg"
-        return f"jumps by {up} and back" if told.kind == "spike" else f"steps by {up} and stays there"
-    if told.kind == "constant":
-        ends = told.faults[-1].stop >= trial.samples - (trial.samples % (recording.period or 1))
+        return f"jumps by {up} and back" if group.kind == "spike" else f"steps by {up} and stays there"
+    if group.kind == "constant":
+        ends = group.faults[-1].stop >= trial.samples - (trial.samples % (recording.period or 1))
         value = f"{largest.size:.3g} {recording.stimulus_unit}"
         return (
-            f"stops, at {value}," if ends and len(told.faults) == 1 else f"is constant ({value}) unlike in other cycles"
+            f"stops, at {value},"
+            if ends and len(group.faults) == 1
+            else f"is constant ({value}) unlike in other cycles"
         )
     return "differs from its other cycles"
 
@@ -123,16 +125,16 @@ def with_left_out(recording: Recording, accept: Iterable[str] = (), discard: int
     trials, reasons, gaps = [], [], 0.0
     for k, trial in enumerate(recording.trials, start=1):
         where = f"{recording.name}: trial {k}"
-        told = [t for t in _faults(trial, recording, discard) if t.code not in accepted]
-        bad = sorted(_touched(told, period, trial.samples)) if period else []
+        groups = [t for t in _faults(trial, recording, discard) if t.code not in accepted]
+        bad = sorted(_touched(groups, period, trial.samples)) if period else []
         trials.append(replace(trial, left_out=tuple(bad)) if bad else trial)
-        reasons += [(t, _words(t, trial, recording, where)) for t in told if period is None or bad]
-        gaps = max([gaps, *((f.stop - f.start) / recording.rate_hz for t in told for f in t.faults)])
+        reasons += [(t, _words(t, trial, recording, where)) for t in groups if period is None or bad]
+        gaps = max([gaps, *((f.stop - f.start) / recording.rate_hz for t in groups for f in t.faults)])
     if not reasons:
         return recording
-    out = replace(recording, trials=tuple(trials))
-    if period is not None and any(len(c) >= LEAST_CYCLES for c in out.analysed(discard)):
-        return out
+    sound = replace(recording, trials=tuple(trials))
+    if period is not None and any(len(c) >= LEAST_CYCLES for c in sound.analysed(discard)):
+        return sound
     codes = " and ".join(dict.fromkeys(repr(t.code) for t, _ in reasons))
     worse = sum(len(t.faults) for t, _ in reasons)
     more = f" ({len(reasons) - 1} more)" if len(reasons) > 1 else ""
@@ -143,20 +145,20 @@ def with_left_out(recording: Recording, accept: Iterable[str] = (), discard: int
     )
     fill = ""
     if worse and all(t.kind in FILLABLE for t, _ in reasons):
-        upto = np.ceil(100 * gaps) / 100
-        fill = f"to interpolate: mcstudy import --fill-gaps {upto:g}, in Python fill_gaps(recording, {upto:g}); "
+        longest = np.ceil(100 * gaps) / 100
+        fill = f"to interpolate: mcstudy import --fill-gaps {longest:g}, in Python fill_gaps(recording, {longest:g}); "
     raise RecordingError(f"{reasons[0][1]}{more}; {left}; {fill}to keep the values: accept {codes}")
 
 
-def _touched(told: Sequence[_Told], period: int, samples: int) -> set[int]:
+def _touched(groups: Sequence[_Told], period: int, samples: int) -> set[int]:
     """Cycles that faults spoil, from 0; what follows a fault of the stimulus still answers to it."""
-    out: set[int] = set()
-    for t in told:
+    cycles: set[int] = set()
+    for t in groups:
         more = 1 if t.code == "stimulus" else 0
         for f in t.faults:
             last = (f.stop - 1 + BEFORE) // period
-            out |= set(range(f.start // period, last + 1 + more))
-    return {c for c in out if c < samples // period}
+            cycles |= set(range(f.start // period, last + 1 + more))
+    return {c for c in cycles if c < samples // period}
 
 
 def fill_gaps(recording: Recording, longest_s: float) -> Recording:

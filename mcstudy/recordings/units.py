@@ -10,6 +10,7 @@ import math
 import re
 
 from mcstudy.errors import RecordingError
+from mcstudy.recordings.refusals import require_known
 
 FACTORS: dict[str, dict[str, float]] = {
     "rad": {
@@ -102,10 +103,10 @@ _OTHER = {_bare(unit): kind for kind, units in OTHERS.items() for unit in units}
 def _spelled(unit: str) -> str | None:
     """The unit as `FACTORS` spells it; capital letters count only where they tell units apart (mN m, Nm)."""
     bare = _bare(unit)
-    found = _SPELLED.get(bare)
-    if found is None and len(bare) > 1 and bare.lower() not in ("nm", "mnm", "knm"):
-        found = _SPELLED.get(bare.lower())
-    return found
+    spelled = _SPELLED.get(bare)
+    if spelled is None and len(bare) > 1 and bare.lower() not in ("nm", "mnm", "knm"):
+        spelled = _SPELLED.get(bare.lower())
+    return spelled
 
 
 def kind_of(unit: str | None) -> str | None:
@@ -128,9 +129,9 @@ def kind_of(unit: str | None) -> str | None:
 def factor(unit: str, target: str, where: str) -> float:
     """Factor that converts values in ``unit`` to ``target``; `RecordingError` names ``where``."""
     spelled = _spelled(unit)
-    if spelled is None or spelled not in FACTORS[target]:
-        raise RecordingError(f"{where}: unit: expected one of {', '.join(FACTORS[target])}, got {unit!r}")
-    return FACTORS[target][spelled]
+    if spelled not in FACTORS[target]:
+        require_known(unit, FACTORS[target], f"{where}: unit")
+    return FACTORS[target][spelled or unit]
 
 
 def agreed(declared: str | None, stated: str | None, target: str, where: str, name: str) -> str | None:
@@ -162,12 +163,12 @@ def at_end(name: str) -> str | None:
         clear = _CLEAR.fullmatch(sign[0].strip()) is not None
         if sign.start() > 0 and (clear or len(unit) > 1 or unit in "°º") and kind_of(unit) is not None:
             return unit
-    found = _ENDING.fullmatch(name)
-    if found is None:
+    ending = _ENDING.fullmatch(name)
+    if ending is None:
         return None
-    if found["time"]:
-        return found["time"]
-    unit = found["unit"].replace("_", "")
-    if found["rate"]:
-        return f"{unit}/s^2" if found["rate"].endswith("2") else f"{unit}/s"
+    if ending["time"]:
+        return ending["time"]
+    unit = ending["unit"].replace("_", "")
+    if ending["rate"]:
+        return f"{unit}/s^2" if ending["rate"].endswith("2") else f"{unit}/s"
     return unit if kind_of(unit) else None

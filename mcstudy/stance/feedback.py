@@ -21,7 +21,9 @@ from functools import cached_property
 
 import numpy as np
 
-from mcstudy.errors import ModelError
+from mcstudy.errors import InputError, ModelError
+from mcstudy.expressions import expression
+from mcstudy.stance.polynomials import pieces
 from mcstudy.stance.provenance import with_replaced
 
 ROWS = ("hip", "ankle")
@@ -29,6 +31,9 @@ ROWS = ("hip", "ankle")
 
 ANGLES = ("theta1", "theta2")
 """Names of the two joint angles, in the order of the columns of A(s)."""
+
+NO_ROW, NO_ANGLE = "unused", "none"
+"""Row and angle that a model of one joint does not have."""
 
 SENSES: dict[str, tuple[float, float, float]] = {
     "theta1": (1.0, 0.0, 0.0),
@@ -91,11 +96,20 @@ class Monomial:
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A rational filter ``sum(numerator) / sum(denominator)`` whose coefficients are monomials of parameters."""
+    """A rational filter ``sum(numerator) / sum(denominator)`` whose coefficients are monomials of parameters.
+
+    Both may be given as text, ``Filter("lag", "1", "1 + tau*s")``.
+    """
 
     name: str
     numerator: tuple[Monomial, ...]
     denominator: tuple[Monomial, ...]
+
+    def __post_init__(self) -> None:
+        for side in ("numerator", "denominator"):
+            given = getattr(self, side)
+            if isinstance(given, str | int | float):
+                object.__setattr__(self, side, tuple(Monomial(*piece) for piece in pieces(given)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,10 +121,10 @@ class Term:
     row
         Torque balance it enters, one of the model's ``rows``.
     sense
-        The signal: ``"theta1"``, ``"theta2"``, ``"theta2s"`` (their sum, the upper body in space), ``"stimulus"``, or
-        a name of the model's ``angles``.
+        The signal: ``"stimulus"``, a name of the model's ``angles`` (``"theta1"``, ``"theta2"``), or a sum of them such
+        as ``"theta1 + theta2"``, for which ``"theta2s"`` stands too (the upper body in space).
     gain
-        Names of parameters whose product multiplies the term (none, one or two).
+        Names of parameters whose product multiplies the term (none, one or two); a single one may be text.
     order
         Power of s: -1 integral, 0 angle, 1 rate, 2 acceleration.
     delay
@@ -139,11 +153,31 @@ class Term:
     stimulus: int = 0
     late: str | None = None
 
+    def __post_init__(self) -> None:
+        for names in ("gain", "filters"):
+            if isinstance(given := getattr(self, names), str):
+                object.__setattr__(self, names, (given,))
+
     @property
     def all_delays(self) -> tuple[str, ...]:
         """Names of its delays, whose sum delays it; none, one or two."""
         first = () if self.delay is None else (self.delay,)
         return first if self.late is None else (*first, self.late)
+
+
+def _weights(text: str, angles: tuple[str, ...]) -> tuple[float, float, float] | None:
+    """Weights of a sum of angles, None for what is none."""
+    try:
+        total = expression(text, angles, "sense", " + ".join(angles))
+    except InputError:
+        return None
+
+    def at(first: float, second: float) -> float:
+        return float(total({angles[0]: first, angles[1]: second}))
+
+    first, second = at(1.0, 0.0), at(0.0, 1.0)
+    linear = at(0.0, 0.0) == 0 and np.isclose(at(2.0, 3.0), 2 * first + 3 * second)
+    return (first, second, 0.0) if linear and (first or second) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,16 +207,20 @@ class Model:
     output_filters
         Per angle, the name of a filter between the true and the measured angle (a sensor lag), or None.
     rows
-        Names of the two torque balances; ``("hip", "ankle")`` by default.
+        Names of the torque balances, that of the lowest joint last; those of ``angles`` by default, and ``("hip",
+        "ankle")`` for two linked segments.
     angles
-        Names of the two measured angles; ``("theta1", "theta2")`` by default.
+        Names of the measured angles, that of the lowest joint first; ``("theta1", "theta2")`` by default. A model with
+        one joint has one name; the second one is then ``"none"``.
     stimulus_unit
-        Unit of the stimulus, ``"N m"``, ``"m"`` or ``"rad"``.
+        Unit of the stimulus, such as ``"N m"``, ``"m"`` or ``"rad"``.
     provenance
         Origin of the true values, text for people.
     blocks
         Which stimulus evokes which of the frequencies at which responses are asked for (`Block`), one after the other
         (`mcstudy.stance.joint`); empty for a single stimulus, whose responses may be asked for at any frequencies.
+    unit
+        Unit of the angles.
 
     Raises
     ------
@@ -195,19 +233,29 @@ class Model:
     terms: tuple[Term, ...]
     filters: tuple[Filter, ...] = ()
     output_filters: tuple[str | None, str | None] = (None, None)
-    rows: tuple[str, str] = ROWS
-    angles: tuple[str, str] = ANGLES
+    rows: tuple[str, ...] = ()
+    angles: tuple[str, ...] = ANGLES
     stimulus_unit: str = "N m"
     provenance: str = field(default="", compare=False)
     blocks: tuple[Block, ...] = ()
+    unit: str = "rad"
 
     def __post_init__(self) -> None:
+        for what in ("parameters", "terms", "filters"):
+            object.__setattr__(self, what, tuple(getattr(self, what)))
+        if not self.rows:
+            rows = ROWS if self.angles == ANGLES else tuple(a for a in reversed(self.angles) if a != NO_ANGLE)
+            object.__setattr__(self, "rows", rows)
+        if len(self.rows) == 1:
+            object.__setattr__(self, "rows", (NO_ROW, *self.rows))
+        if len(self.angles) == 1:
+            object.__setattr__(self, "angles", (*self.angles, NO_ANGLE))
         for what in ("rows", "angles", "output_filters"):
             given = getattr(self, what)
             if len(given) != 2 or (what != "output_filters" and given[0] == given[1]):
                 raise ModelError(
-                    f"model {self.name}: {what}: expected two different ones, got {given}; a model has at most two "
-                    "joints, and one joint uses the second row and the first angle"
+                    f"model {self.name}: {what}: expected one or two different ones, got {given}; a model has at most "
+                    "two joints"
                 )
         names = [p.name for p in self.parameters]
         for duplicate in {n for n in names if names.count(n) > 1}:
@@ -218,7 +266,7 @@ class Model:
             if term.row not in self.rows:
                 raise ModelError(f"{where}: row must be one of {self.rows}")
             if term.sense not in self.senses:
-                raise ModelError(f"{where}: sense must be one of {sorted(self.senses)}")
+                raise ModelError(f"{where}: sense must be one of {sorted(self.senses)}, or a sum of {self.angles}")
             if term.order not in (-1, 0, 1, 2):
                 raise ModelError(f"{where}: order must be -1, 0, 1 or 2, got {term.order}")
             if not 0 <= term.stimulus < max(1, len(self.blocks)):
@@ -245,14 +293,26 @@ class Model:
             return self
         rows = dict(zip(self.rows, ROWS, strict=True))
         angles = dict(zip(self.angles, ANGLES, strict=True))
-        terms = (replace(t, row=rows[t.row], sense=angles.get(t.sense, t.sense)) for t in self.terms)
+        usual = {weights: name for name, weights in SENSES.items()}
+
+        def sense(name: str) -> str:
+            """A sum of angles, where it is not that of both, with their usual names."""
+            if name in angles or name in SENSES:
+                return angles.get(name, name)
+            first, second, _ = weights = self.senses[name]
+            return usual.get(weights, f"{first!r}*{ANGLES[0]} + {second!r}*{ANGLES[1]}")
+
+        terms = (replace(t, row=rows[t.row], sense=sense(t.sense)) for t in self.terms)
         return replace(self, rows=ROWS, angles=ANGLES, terms=tuple(terms))
 
     @cached_property
     def senses(self) -> dict[str, tuple[float, float, float]]:
-        """Weights on (first angle, second angle, stimulus) by name; the model's own angle names included."""
-        own = {self.angles[0]: (1.0, 0.0, 0.0), self.angles[1]: (0.0, 1.0, 0.0)}
-        return {**SENSES, **own}
+        """Weights on (first angle, second angle, stimulus) by name: angles, and the sums of them that terms sense."""
+        known = {**SENSES, self.angles[0]: (1.0, 0.0, 0.0), self.angles[1]: (0.0, 1.0, 0.0)}
+        for term in self.terms:
+            if term.sense not in known and (weights := _weights(term.sense, self.angles)):
+                known[term.sense] = weights
+        return known
 
     @cached_property
     def names(self) -> tuple[str, ...]:

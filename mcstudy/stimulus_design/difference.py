@@ -22,7 +22,8 @@ import numpy as np
 
 from mcstudy.effect_library import library
 from mcstudy.errors import InputError, ModelError
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.signatures import Signature, signatures
 from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.stance.feedback import Model

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import html
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 from pydantic import Field, model_validator
@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from mcstudy.errors import DesignError
 from mcstudy.files.plain_errors import shown, validated
 from mcstudy.files.sections import Name, Positive, Section
+from mcstudy.files.toml_files import toml_lines
 from mcstudy.study.checks import check_group
 from mcstudy.study.group import (
     FITTED,
@@ -163,7 +164,7 @@ class Study(Section):
     def to_toml(self) -> str:
         """The canonical study file: defaults filled in, comments gone. Reading it gives the same study."""
         plain = self.model_dump(mode="json")
-        return "\n".join(_table("", {"study": plain["study"], "group": plain["group"]})).lstrip("\n") + "\n"
+        return "\n".join(toml_lines("", {"study": plain["study"], "group": plain["group"]})).lstrip("\n") + "\n"
 
     def to_json(self) -> str:
         """Lossless text for a task; `from_json` reads it."""
@@ -177,14 +178,3 @@ class Study(Section):
 
 def _listed(values: Iterable[float]) -> str:
     return ", ".join(f"{v:g}" for v in values)
-
-
-def _table(path: str, table: Mapping[str, Any]) -> Iterator[str]:
-    scalars = {k: v for k, v in table.items() if not isinstance(v, dict)}
-    if path and (scalars or not table):
-        yield f"\n[{path}]"
-    for key, value in scalars.items():
-        yield f"{key} = {json.dumps(value, ensure_ascii=False)}"
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _table(f"{path}.{key}" if path else key, value)

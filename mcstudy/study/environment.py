@@ -43,7 +43,18 @@ SETTINGS = (
 )
 """Other variables that choose which instructions a library uses, and with them the last digits."""
 
-LAYERS = ("compiling", "stance", "files", "recordings", "spectra", "fitting", "study", "streams.py")
+LAYERS = (
+    "compiling",
+    "expressions.py",
+    "files",
+    "fitting",
+    "models",
+    "recordings",
+    "spectra",
+    "stance",
+    "streams.py",
+    "study",
+)
 """Folders and files of this package that affect numbers; so do the solvers of others."""
 
 DIGITS = 12

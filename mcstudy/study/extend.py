@@ -23,7 +23,7 @@ from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study.cube.checksums import OWN
 from mcstudy.study.cube.layout import Chunk
 from mcstudy.study.cube.repair import refuse_part, repair
-from mcstudy.study.cube.store import Cube, GroupStore
+from mcstudy.study.cube.store import ChunkState, Cube, GroupStore
 from mcstudy.study.design import Study
 from mcstudy.study.growth import Growth, grown_study
 from mcstudy.study.run import Outcome, check_scheduler, run_cube
@@ -77,10 +77,11 @@ def grow(old: Cube, growth: Growth) -> Cube:
         for name, store in new.groups.items():
             source = old.groups[name]
             for chunk in store.layout.chunks:
-                if not store.complete(chunk):
-                    _copy(source, store, chunk)
-                elif not store.annotated(chunk):  # a kill came before the last step
-                    store.annotate(chunk, _environments(source, store, chunk))
+                match store.state(chunk):
+                    case ChunkState.BROKEN:
+                        _copy(source, store, chunk)
+                    case ChunkState.WHOLE:  # a kill came before the last step
+                        store.annotate(chunk, _environments(source, store, chunk))
         replace_tree(out, building)
     except OSError as error:
         raise unwritable(out, "disk space for a larger copy of the cube next to it", error) from None

@@ -31,7 +31,7 @@ from mcstudy.study.cube.repair import Repairs, note_environment, refuse_part, re
 from mcstudy.study.cube.run_log import RunLog
 from mcstudy.study.cube.store import Cube
 from mcstudy.study.design import Study
-from mcstudy.study.execution.submission import ATTEMPTS, Block, Outcome, Submission
+from mcstudy.study.execution.submission import ATTEMPTS, Block, Outcome, Run, Submission
 from mcstudy.study.execution.tasks import STOP
 from mcstudy.study.extent import chunks_a_block
 from mcstudy.study.growth import Growth, growths
@@ -189,7 +189,7 @@ def run_cube(cube: Cube, repairs: Repairs, options: ClusterOptions, block: int |
             if options.here:  # other workers do so themselves before their first block
                 compile_kernels(parts_of(study.groups.values()), stop)
             progress.begin(ready=options.here)
-            submission = Submission(cube, client, options, stop, run, log, progress, outcome)
+            submission = Submission(cube, client, options, Run(run, stop, log, progress, outcome))
             submission.warned.add(differ)
             doubtful = submission.run(deque(blocks))
             for _ in range(SECOND_LOOKS):

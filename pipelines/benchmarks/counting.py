@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.fitting import kernel, lanes
-from mcstudy.fitting.arguments import Bounds, LaneStates, Outcomes, Queue, StopRules, pack
+from mcstudy.fitting.arguments import Bounds, LaneStates, Outcomes, Queue, StopRules
 from mcstudy.fitting.plans import plan, workspace
 from mcstudy.fitting.problem import Problem
 
@@ -114,7 +114,7 @@ def counting_kernel() -> types.SimpleNamespace:
 
 def evaluation(problem: Problem, theta: np.ndarray) -> tuple[int, np.ndarray]:
     """Operations of one evaluation of cost, gradient and Gram matrix a fit, and what the kernel computed."""
-    table, packed, P = plan(problem.model, problem.f), pack(problem.data, problem.weight), theta.size
+    table, packed, P = plan(problem.model, problem.f), problem.packed, theta.size
     work = workspace(table)
     slots = work.w.reshape(-1, WIDTH)
     slots[work.data : work.data + packed.size] = packed[:, None]
@@ -127,7 +127,7 @@ def evaluation(problem: Problem, theta: np.ndarray) -> tuple[int, np.ndarray]:
 def whole(problem: Problem, starts: np.ndarray, tolerance: float, most: int) -> tuple[int, int]:
     """Operations per lane of fits from ``starts`` (multiples of eight keep the lanes busy), and passes of the lanes."""
     model, table = problem.model, plan(problem.model, problem.f)
-    queue = Queue(pack(problem.data, problem.weight)[None], np.zeros(len(starts), dtype=np.int64), starts)
+    queue = Queue(problem.packed[None], np.zeros(len(starts), dtype=np.int64), starts)
     bounds, rules, out = Bounds(model.lower, model.upper), StopRules(tolerance, most), Outcomes.empty(*starts.shape)
     space, passes = counting_kernel(), [0]
 

@@ -77,7 +77,7 @@ class Compiled:
             raise ValueError("the benchmark's compiled model has no filters")
         self.lower, self.width = model.lower, model.upper - model.lower
         tables = (table.omega, table.constant, table.entry, table.weight, table.group_delay[:, 0].copy())
-        self.tables = (*tables, np.ascontiguousarray(problem.data), np.ascontiguousarray(problem.weight))
+        self.tables = (*tables, np.ascontiguousarray(problem.y), np.ascontiguousarray(problem.weight))
         self.evaluations = 0
         self._at = np.full(self.lower.size, np.nan)
         self._residual = np.empty(4 * problem.f.size)

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from mcstudy.effect_library.simulation import simulate
-from mcstudy.fitting.penalised import Data, Fitter, whiten
-from mcstudy.fitting.problem import Problem
+from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.fitting.problem import Data, Problem
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.fit import fit, fit_lines
 from mcstudy.identification.minimum import search, without_prior
@@ -69,7 +69,7 @@ def pypesto(fit: FitResult, names: list[str]) -> np.ndarray:
 
     logging.getLogger("fides").setLevel(logging.ERROR)
     data = Data.of(fit.lines)
-    model = Compiled(Problem(fit.model, data.f, data.y, data.weight))
+    model = Compiled(Problem(data.f, data.y, data.weight, fit.model))
     task = pypesto.Problem(
         objective=pypesto.Objective(fun=model.value, grad=model.gradient, hess=model.hessian),
         lb=np.zeros(model.width.size),

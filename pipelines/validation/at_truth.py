@@ -18,7 +18,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from mcstudy.fitting.arguments import Restraint
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.correction import Draws
 from mcstudy.identification.minimum import ITERATIONS, TOLERANCE, Minima, distinct, standing
 from mcstudy.identification.profile import Linearised

@@ -50,7 +50,7 @@ def estimated(method: str, scale: np.ndarray) -> Callable[[Problem, np.ndarray],
 
     def costs(problem: Problem, starts: np.ndarray) -> np.ndarray:
         def cost(z: np.ndarray) -> np.ndarray:
-            return np.mean(np.abs(frf(model, z * scale, problem.f) / problem.data - 1) ** 2, axis=(-2, -1))
+            return np.mean(np.abs(frf(model, z * scale, problem.f) / problem.y - 1) ** 2, axis=(-2, -1))
 
         def cost_and_slope(z: np.ndarray) -> tuple[float, np.ndarray]:
             step = STEP * np.maximum(np.abs(z), 1.0)

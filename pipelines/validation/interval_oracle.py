@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
-from mcstudy.fitting.penalised import Data, whiten
+from mcstudy.fitting.penalised import whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.stance.body import two_segment

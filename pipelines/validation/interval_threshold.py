@@ -24,7 +24,8 @@ import time
 import numpy as np
 
 from mcstudy.fitting.arguments import Restraint
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import Draws
 from mcstudy.identification.minimum import ITERATIONS, TOLERANCE, without_prior

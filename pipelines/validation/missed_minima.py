@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.minimum import APART, search, without_prior
 from mcstudy.stance.body import two_segment

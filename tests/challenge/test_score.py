@@ -59,7 +59,7 @@ def make_key(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def answers(key: dict[str, Any], method: str, give: Any) -> dict[str, Any]:
-    given = [{"name": c["name"], "seconds": 0.1, **give(c, k)} for k, c in enumerate(key["cases"])]
+    given = [{"name": c["name"], "seconds": 0.0, **give(c, k)} for k, c in enumerate(key["cases"])]
     out = {"schema": schema.identifier("challenge_answers"), "challenge": "synthetic", "manifest_sha256": "0" * 64}
     out |= {"method": method, "answers": given}
     schema.validate("challenge_answers", out, method)
@@ -72,7 +72,7 @@ def cause(effects: list[str], p: float, group: list[str] | None = None, low: flo
 
 
 def plain(**more: Any) -> dict[str, Any]:
-    base = {"detected": False, "p_value": 0.5, "none_probability": 0.0, "unknown_probability": 0.0}
+    base = {"seconds": 0.0, "detected": False, "p_value": 0.5, "none_probability": 0.0, "unknown_probability": 0.0}
     return base | {"causes": [], "credible_set": ["none"], "closed": None} | more
 
 
@@ -98,6 +98,13 @@ def guesser(_: dict[str, Any], k: int) -> dict[str, Any]:
         detected=bool(rng.random() < 0.5), causes=[cause([name], 0.9)], none_probability=0.05, unknown_probability=0.05,
         credible_set=[name, "none"], closed=closed,
     )  # fmt: skip
+
+
+def first(key: dict[str, Any], kind: str, effect: str = "") -> dict[str, Any]:
+    """The first case of a kind, or with an effect."""
+    cases = (c for c in key["cases"] if c["kind"] == kind)
+    case: dict[str, Any] = next(c for c in cases if not effect or c["effects"][0]["effect"] == effect)
+    return case
 
 
 @pytest.fixture(scope="module")
@@ -147,39 +154,39 @@ def test_honest_ignorance_beats_confident_guessing_in_the_proper_scores(key: dic
 
 
 def test_naming_any_member_of_the_true_group_is_right(key: dict[str, Any]) -> None:
-    case = next(c for c in key["cases"] if c["effects"] and c["effects"][0]["effect"] == "stimulus_gain")
-    other = judge(case, {"seconds": 0.0, **plain(causes=[cause(["leg_inertia_error"], 1.0)])})
+    case = first(key, "known", "stimulus_gain")
+    other = judge(case, plain(causes=[cause(["leg_inertia_error"], 1.0)]))
     assert other.top
     assert other.probability == 1.0
     split = [cause(["leg_inertia_error"], 0.3), cause(["stimulus_gain"], 0.3), cause(["head_mode"], 0.4)]
-    assert judge(case, {"seconds": 0.0, **plain(causes=split)}).probability == pytest.approx(0.6)
+    assert judge(case, plain(causes=split)).probability == pytest.approx(0.6)
 
 
 def test_a_group_of_everything_is_not_an_answer(key: dict[str, Any]) -> None:
-    case = next(c for c in key["cases"] if c["effects"] and c["effects"][0]["effect"] == "stimulus_gain")
+    case = first(key, "known", "stimulus_gain")
     everything = plain(causes=[cause(["head_mode"], 1.0, group=list(EFFECTS))])
-    assert not judge(case, {"seconds": 0.0, **everything}).top
+    assert not judge(case, everything).top
 
 
 def test_one_of_two_causes_is_not_the_pair(key: dict[str, Any]) -> None:
-    case = next(c for c in key["cases"] if c["kind"] == "pair")
-    assert not judge(case, {"seconds": 0.0, **plain(causes=[cause(["head_mode"], 1.0)])}).top
+    case = first(key, "pair")
+    assert not judge(case, plain(causes=[cause(["head_mode"], 1.0)])).top
     both = plain(causes=[cause(["head_mode", "force_feedback"], 1.0)], credible_set=["force_feedback+head_mode"])
-    judged = judge(case, {"seconds": 0.0, **both})
+    judged = judge(case, both)
     assert judged.top
     assert judged.covered
 
 
 def test_intervals_are_judged_only_where_there_is_something_to_hold(key: dict[str, Any]) -> None:
-    case = next(c for c in key["cases"] if c["kind"] == "known")
+    case = first(key, "known")
     name = case["effects"][0]["effect"]
     closed = {"effects": name, "fraction": 0.5, "low": 0.4, "high": 0.6}
     answer = plain(detected=True, causes=[cause([name], 1.0, low=1.05)], closed=closed)
-    judged = judge(case, {"seconds": 0.0, **answer})
+    judged = judge(case, answer)
     assert judged.size_inside is False
     assert judged.closed_inside is False
-    nothing = next(c for c in key["cases"] if c["kind"] == "none")
-    assert judge(nothing, {"seconds": 0.0, **answer}).closed_inside is None
+    nothing = first(key, "none")
+    assert judge(nothing, answer).closed_inside is None
 
 
 def test_wilson_interval_is_the_textbook_one() -> None:
@@ -237,111 +244,89 @@ def test_evidence_of_a_fixed_size_is_exact() -> None:
     assert log_evidence(z, np.array([2.0]), np.array([1.0])) == pytest.approx(2 * z - 2)
 
 
-def with_answer(key: dict[str, Any], change: Callable[[dict[str, Any]], None], at: int = 100) -> dict[str, Any]:
-    """The oracle's answers with one of them changed; case 100 is the first with a known cause."""
+def with_changes(key: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """The oracle's answers, with other values in that to case 100, the first with a known cause: by place, a value or
+    what makes it of the old one."""
     given = copy.deepcopy(answers(key, "oracle", oracle))
-    change(given["answers"][at])
+    for place, value in changes.items():
+        inner = given["answers"][100]
+        *parents, last = place.split(".")
+        for name in parents:
+            inner = inner[int(name)] if isinstance(inner, list) else inner[name]
+        inner[last] = value(inner.get(last)) if callable(value) else value
     return given
 
 
-UNTRUE: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
-    ("a sum of 1.8", lambda a: a.update(none_probability=0.8), "probability: expected a sum of at most 1 .*found 1.8"),
-    (
-        "two certain causes",
-        lambda a: a.update(causes=[cause([e], 1.0) for e in ("head_mode", "force_feedback")], closed=None),
+def sizes_with(**ends: float) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    return lambda sizes: {name: size | ends for name, size in sizes.items()}
+
+
+TWO = [["head_mode"], ["force_feedback"]]
+
+UNTRUE: dict[str, tuple[dict[str, Any], str]] = {
+    "a sum of 1.8": ({"none_probability": 0.8}, "probability: expected a sum of at most 1 .*found 1.8"),
+    "two certain causes": (
+        {"causes": [cause(effects, 1.0) for effects in TWO], "closed": None},
         "probability: expected a sum of at most 1 .*found 2",
     ),
-    (
-        "a cause twice",
-        lambda a: a["causes"].append({**a["causes"][0], "probability": 0.0}),
-        r"causes.1.effects: expected every cause once",
+    "a cause twice": (
+        {"causes": lambda causes: [*causes, causes[0] | {"probability": 0.0}]},
+        "causes.1.effects: expected every cause once",
     ),
-    ("p = NaN", lambda a: a.update(p_value=math.nan), "p_value: expected a finite number, found nan"),
-    ("NaN probability", lambda a: a.update(none_probability=math.nan), "none_probability: expected a finite number"),
-    ("endless seconds", lambda a: a.update(seconds=math.inf), "seconds: expected a finite number, found inf"),
-    (
-        "an effect nobody knows",
-        lambda a: a["causes"][0].update(effects=["ghost"]),
+    "p = NaN": ({"p_value": math.nan}, "p_value: expected a finite number, found nan"),
+    "NaN probability": ({"none_probability": math.nan}, "none_probability: expected a finite number"),
+    "endless seconds": ({"seconds": math.inf}, "seconds: expected a finite number, found inf"),
+    "an effect nobody knows": (
+        {"causes.0.effects": ["ghost"]},
         "causes.0.effects: expected effects of the library .*found 'ghost'",
     ),
-    (
-        "a group of nobody",
-        lambda a: a["causes"][0].update(group=["ghost"]),
-        "causes.0.group: expected effects of the library .*found 'ghost'",
-    ),
-    (
-        "three effects",
-        lambda a: a["causes"][0].update(effects=["head_mode", "stimulus_gain", "force_feedback"]),
+    "a group of nobody": ({"causes.0.group": ["ghost"]}, "causes.0.group: expected effects of the .*found 'ghost'"),
+    "three effects": (
+        {"causes.0.effects": ["head_mode", "stimulus_gain", "force_feedback"]},
         "causes.0.effects: expected one effect or two",
     ),
-    (
-        "an effect in two groups",
-        lambda a: a.update(
-            causes=[
-                cause(["head_mode"], 0.5, ["sensor_lag_both"]),
-                cause(["force_feedback"], 0.5, ["sensor_lag_both"]),
-            ],
-            closed=None,
-        ),
+    "an effect in two groups": (
+        {"causes": [cause(effects, 0.5, ["sensor_lag_both"]) for effects in TWO], "closed": None},
         "causes.1.group: expected groups without a common effect, found sensor_lag_both",
     ),
-    (
-        "an empty set",
-        lambda a: a.update(credible_set=[]),
-        "credible_set: expected hypotheses with a probability of 0.95",
-    ),
-    (
-        "a set of what is not believed",
-        lambda a: a.update(credible_set=["none", "unknown"]),
+    "an empty set": ({"credible_set": []}, "credible_set: expected hypotheses with a probability of 0.95"),
+    "a set of what is not believed": (
+        {"credible_set": ["none", "unknown"]},
         "credible_set: expected hypotheses with a probability of 0.95, found 0",
     ),
-    (
-        "a set of the unheard of",
-        lambda a: a.update(credible_set=[*a["credible_set"], "ghost"]),
+    "a set of the unheard of": (
+        {"credible_set": lambda named: [*named, "ghost"]},
         "credible_set: expected effects of the library",
     ),
-    (
-        "a set that says it twice",
-        lambda a: a.update(credible_set=a["credible_set"] * 2),
-        "credible_set: expected every hypothesis once",
-    ),
-    (
-        "an interval back to front",
-        lambda a: next(iter(a["causes"][0]["size"].values())).update(low=1.2),
+    "a set that says it twice": ({"credible_set": lambda named: named * 2}, "credible_set: expected every hypothesis"),
+    "an interval back to front": (
+        {"causes.0.size": sizes_with(low=1.2)},
         "causes.0.size.*: expected low <= high, found 1.2 and 1.1",
     ),
-    (
-        "an endless interval",
-        lambda a: next(iter(a["causes"][0]["size"].values())).update(high=math.inf),
+    "an endless interval": (
+        {"causes.0.size": sizes_with(high=math.inf)},
         "causes.0.size.*high: expected a finite number",
     ),
-    ("a share of 1.1", lambda a: a["closed"].update(high=1.1), "closed.high: expected a number from 0 to 1, found 1.1"),
-    ("a share back to front", lambda a: a["closed"].update(low=0.995, high=0.5), "closed: expected low <= high"),
-    (
-        "the share of another cause",
-        lambda a: a["closed"].update(effects="sensor_lag_both"),
+    "a share of 1.1": ({"closed.high": 1.1}, "closed.high: expected a number from 0 to 1, found 1.1"),
+    "a share back to front": ({"closed.low": 0.995, "closed.high": 0.5}, "closed: expected low <= high"),
+    "the share of another cause": (
+        {"closed.effects": "sensor_lag_both"},
         "closed.effects: expected the most probable cause, found sensor_lag_both",
     ),
-    (
-        "places that sum to 2",
-        lambda a: a.update(place={"hip": 1.0, "ankle": 1.0}),
+    "places that sum to 2": (
+        {"place": {"hip": 1.0, "ankle": 1.0}},
         "place: expected a sum of at most 1, found 2",
     ),
-    ("a case never set", lambda a: a.update(name="case999"), "case999.*expected a case of these data"),
-    (
-        "a case answered twice",
-        lambda a: a.update(name="case101"),
-        "case101: name: expected one answer per case, found 2",
-    ),
-]
+    "a case never set": ({"name": "case999"}, "case999.*expected a case of these data"),
+    "a case answered twice": ({"name": "case101"}, "case101: name: expected one answer per case, found 2"),
+}
 
 
-@pytest.mark.parametrize(("change", "message"), [u[1:] for u in UNTRUE], ids=[u[0] for u in UNTRUE])
-def test_answers_that_cannot_be_believed_are_refused(
-    key: dict[str, Any], change: Callable[[dict[str, Any]], None], message: str
-) -> None:
+@pytest.mark.parametrize("name", UNTRUE)
+def test_answers_that_cannot_be_believed_are_refused(key: dict[str, Any], name: str) -> None:
+    changes, message = UNTRUE[name]
     with pytest.raises(StoreError, match=f"^a.json: .*{message}") as caught:
-        score(key, with_answer(key, change), "a.json")
+        score(key, with_changes(key, changes), "a.json")
     assert "case100" in str(caught.value) or "case" in message
     assert "\n" not in str(caught.value)
 
@@ -353,14 +338,14 @@ def test_an_identical_second_answer_is_refused_too(key: dict[str, Any]) -> None:
 
 
 def test_what_is_missing_to_one_is_given_to_wrong_causes(key: dict[str, Any]) -> None:
-    case = next(c for c in key["cases"] if c["kind"] == "known")
+    case = first(key, "known")
     name = case["effects"][0]["effect"]
-    half = judge(case, {"seconds": 0.0, **plain(causes=[cause([name], 0.5)])})
+    half = judge(case, plain(causes=[cause([name], 0.5)]))
     assert half.probability == 0.5
     assert half.log_loss == pytest.approx(math.log(2))
     assert half.brier == pytest.approx(0.5)
     assert sum(half.wrong.values()) == pytest.approx(0.5)
-    nothing_said = judge(case, {"seconds": 0.0, **plain()})
+    nothing_said = judge(case, plain())
     silent = judge(case, {"seconds": 0.0, "error": "no idea"})
     assert not nothing_said.top
     assert nothing_said.brier == silent.brier == 2.0
@@ -369,9 +354,9 @@ def test_what_is_missing_to_one_is_given_to_wrong_causes(key: dict[str, Any]) ->
 
 def test_who_cannot_decide_is_not_right(key: dict[str, Any]) -> None:
     """Equal probabilities for everything name nothing, whatever the truth is."""
-    case = next(c for c in key["cases"] if c["kind"] == "known")
+    case = first(key, "known")
     even = plain(none_probability=0.2, causes=[cause([e], 0.2) for e in EFFECTS if e != "leg_inertia_error"])
-    judged = judge(case, {"seconds": 0.0, **even})
+    judged = judge(case, even)
     assert not judged.top
     assert judged.top_name == "undecided"
 
@@ -396,9 +381,9 @@ def test_leaving_out_hard_cases_gains_nothing(key: dict[str, Any], give: Any) ->
 
 
 def test_the_share_closed_is_judged_by_the_form_in_which_an_effect_closes_most(key: dict[str, Any]) -> None:
-    case = next(c for c in key["cases"] if c["kind"] == "outsider")
+    case = first(key, "outsider")
     closed = {"effects": "head_mode", "fraction": 0.9, "low": 0.8, "high": 1.0}
-    answer = {"seconds": 0.0, **plain(detected=True, causes=[cause(["head_mode"], 1.0)], closed=closed)}
+    answer = plain(detected=True, causes=[cause(["head_mode"], 1.0)], closed=closed)
     assert case["any_form"]["closable"]["head_mode"] == 0.3
     assert judge(case, answer).closed_inside is False
     open_form = {"closable": {"head_mode": 0.9}, "nearest": "head_mode", "residual_delta": 3.0, "smooth_residual": 2.0}
@@ -406,13 +391,13 @@ def test_the_share_closed_is_judged_by_the_form_in_which_an_effect_closes_most(k
 
 
 def test_outsiders_count_as_such_by_what_the_nearest_form_of_an_effect_leaves(key: dict[str, Any]) -> None:
-    case = {**next(c for c in key["cases"] if c["kind"] == "outsider"), "delta": 12.0}
+    case = {**first(key, "outsider"), "delta": 12.0}
     far = {t.name: t.figure for t in TARGETS if "comes near" in t.name or t.name.startswith("the same")}
     near = {name: f for name, f in FIGURES.items() if name.startswith("outsiders a form of an effect imitates")}
     assert len(far) == len(near) == 2
     for left, wanted in ((7.0, far), (2.0, near)):
         form = {"closable": {}, "nearest": "head_mode", "residual_delta": left, "smooth_residual": left}
-        judged = judge({**case, "any_form": form}, {"seconds": 0.0, **plain(causes=[cause(["head_mode"], 0.9)])})
+        judged = judge({**case, "any_form": form}, plain(causes=[cause(["head_mode"], 0.9)]))
         for name, figure in {**far, **near}.items():
             found = figure([judged])
             assert found.n == (name in wanted), name
@@ -420,9 +405,9 @@ def test_outsiders_count_as_such_by_what_the_nearest_form_of_an_effect_leaves(ke
 
 
 def test_an_interval_that_is_withheld_does_not_hold_the_truth(key: dict[str, Any]) -> None:
-    case = next(c for c in key["cases"] if c["kind"] == "known")
+    case = first(key, "known")
     name = case["effects"][0]["effect"]
-    sound = {"seconds": 0.0, **plain(detected=True, causes=[cause([name], 1.0)])}
+    sound = plain(detected=True, causes=[cause([name], 1.0)])
     assert judge(case, sound).closed_inside is False
     assert judge(case, sound).size_inside is True
     sound["causes"][0]["size"] = {}

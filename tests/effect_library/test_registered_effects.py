@@ -13,7 +13,8 @@ from mcstudy.effect_library import library
 from mcstudy.effect_library.declarations import active_gain, terms
 from mcstudy.effect_library.effect import Effect, Size
 from mcstudy.errors import InputError
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnose import diagnose_lines
 from mcstudy.gap.questions.contrasts import contrast
 from mcstudy.gap.settings import FAST

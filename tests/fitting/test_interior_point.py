@@ -177,14 +177,14 @@ def test_every_end_is_told() -> None:
         (Parameter("Ki", "N m/(rad s)", 10.0, 0.0, 20.0),), (Term("ankle", "theta1", ("Ki",), -1),)
     )
     f = np.array([0.0, 0.1, 1.0])
-    endless = Problem(integral, f, np.ones((3, 2), dtype=complex), np.tile(np.eye(2, dtype=complex), (3, 1, 1)))
+    endless = Problem(f, np.ones((3, 2), dtype=complex), np.tile(np.eye(2, dtype=complex), (3, 1, 1)), integral)
     bad = interior_point(endless, uniform(integral, np.random.default_rng(0), 3), PAPER)
     assert (bad.status == Status.NON_FINITE_MODEL).all()
 
 
 def test_it_is_a_solver_like_the_others() -> None:
     problems = [example("paper", seed) for seed in range(3)]
-    problems[1].data[0, 0] = np.inf
+    problems[1].y[0, 0] = np.inf
     starts = np.stack([uniform(p.model, np.random.default_rng(k), 4) for k, p in enumerate(problems)])
     many = fit_many(problems, starts, "interior_point", PAPER)
     assert (many[1].status == Status.NON_FINITE_DATA).all()

@@ -53,7 +53,7 @@ def problem_of(kind: str) -> Problem:
 def equations(problem: Problem, x: np.ndarray, mix: float) -> tuple[float, np.ndarray, np.ndarray]:
     linear = LinearModel.of(problem.model, problem.f)
     gram, gradient = np.empty((x.size, x.size)), np.empty(x.size)
-    data, weight = problem.data / linear.output, problem.weight * linear.output[:, None, :]
+    data, weight = problem.y / linear.output, problem.weight * linear.output[:, None, :]
     return normal_equations(linear.table, x, mix, data, weight, gram, gradient), gradient, gram
 
 
@@ -80,8 +80,8 @@ def test_the_equation_error_is_linear_in_the_gains(mix: float, kind: str) -> Non
     to[fixed] = at[fixed]
     s = 2j * np.pi * problem.f
     (A, _), (A_to, b_to) = system(model, at, s), system(model, to, s)
-    z = mix * problem.data + (1 - mix) * frf(model, at, problem.f)
-    error = np.linalg.solve(A, (b_to - np.einsum("nij,nj->ni", A_to, z))[..., None])[..., 0] + z - problem.data
+    z = mix * problem.y + (1 - mix) * frf(model, at, problem.f)
+    error = np.linalg.solve(A, (b_to - np.einsum("nij,nj->ni", A_to, z))[..., None])[..., 0] + z - problem.y
     weighted = np.einsum("nij,nj->ni", problem.weight, error)
     cost, gradient, gram = equations(problem, at, mix)
     p = (to - at)[gains]

@@ -45,7 +45,7 @@ def test_one_segment_costs_ignore_the_angle_that_does_not_exist() -> None:
 @pytest.mark.parametrize("solver", solvers())
 def test_data_that_are_not_finite_are_an_outcome_not_an_exception(solver: str) -> None:
     problem = example("paper")
-    problem.data[3, 1] = np.nan
+    problem.y[3, 1] = np.nan
     fits = fit(problem, uniform(problem.model, np.random.default_rng(0), 3), solver)
     assert (fits.status == Status.NON_FINITE_DATA).all()
     assert np.isnan(fits.cost).all()

@@ -94,16 +94,15 @@ def test_a_model_that_is_not_finite_is_an_outcome() -> None:
         (Parameter("Ki", "N m/(rad s)", 10.0, 0.0, 20.0),), (Term("ankle", "theta1", ("Ki",), -1),)
     )
     f = np.array([0.0, *F])
-    problem = Problem(
-        integral, f, np.ones((f.size, 2), dtype=complex), np.tile(np.eye(2, dtype=complex), (f.size, 1, 1))
-    )
+    weight = np.tile(np.eye(2, dtype=complex), (f.size, 1, 1))
+    problem = Problem(f, np.ones((f.size, 2), dtype=complex), weight, integral)
     fits = fit(problem, uniform(integral, np.random.default_rng(0), 3))
     assert (fits.status == Status.NON_FINITE_MODEL).all()
 
 
 def test_fit_many_keeps_finite_and_other_problems_apart() -> None:
     problems = [example("paper", seed) for seed in range(3)]
-    problems[1].data[0, 0] = np.inf
+    problems[1].y[0, 0] = np.inf
     starts = np.stack([uniform(p.model, np.random.default_rng(k), 4) for k, p in enumerate(problems)])
     for solver in ("lm", "trf"):
         many = fit_many(problems, starts, solver)

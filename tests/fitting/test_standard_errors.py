@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import curve_fit
 
 from mcstudy.fitting.arguments import Prior
-from mcstudy.fitting.penalised import Data, Fitter
-from mcstudy.fitting.problem import Problem, ml_cost, paper_cost
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data, Problem, ml_cost, paper_cost
 from mcstudy.fitting.standard_errors import joint_covariance, overlap_of, sandwich, standard_errors, wald_covariance
 from mcstudy.spectra.bands import odd_lines, published
 from mcstudy.stance.body import two_segment
@@ -47,7 +47,7 @@ def test_they_come_from_the_information_of_a_fit_to_a_person() -> None:
     problem, C = ml_problem()
     size = MODEL.truth.size
     none = Prior(MODEL.truth, MODEL.upper - MODEL.lower, 0.0)
-    whitener = Data(F, problem.data, np.sqrt(2) * problem.weight)
+    whitener = Data(F, problem.y, np.sqrt(2) * problem.weight)
     fitted = Fitter(MODEL, none, F).fits(whitener.packed, THETA[None], tolerance=1e-12, max_iterations=20)
     wald = np.sqrt(np.diag(wald_covariance(fitted.information[0], np.ones(size, dtype=bool))))
     ours = standard_errors(problem, fitted.estimate[0], C, np.eye(F.size), likelihood=True)

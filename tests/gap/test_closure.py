@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mcstudy.effect_library import library
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.fitting.small_linear import gaussian_factor, orthonormal
 from mcstudy.gap.candidates.signatures import applicable, signatures
 from mcstudy.gap.candidates.unknown import free_torques

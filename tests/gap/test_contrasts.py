@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.contrasts import FIRST_HARMONIC, contrast
 from mcstudy.lines.base_fit import drawn_starts
 from mcstudy.lines.priors import opened, weak_prior

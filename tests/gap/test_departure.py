@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mcstudy.effect_library import library
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.remainder import Remainder
 from mcstudy.gap.candidates.scores import Projection
 from mcstudy.gap.candidates.unknown import free_torques

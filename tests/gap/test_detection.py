@@ -9,7 +9,8 @@ import pytest
 from dask.callbacks import Callback
 
 from mcstudy.effect_library import library
-from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores, log_factor
 from mcstudy.gap.candidates.signatures import applicable, signatures
 from mcstudy.gap.questions import detection

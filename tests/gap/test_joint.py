@@ -12,7 +12,7 @@ from examples import module
 
 import mcstudy as mc
 from mcstudy.files import schema
-from mcstudy.fitting.penalised import Data
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.planned.trials import PlannedTrial

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mcstudy.effect_library import library
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.unknown import free_torques
 from mcstudy.gap.questions.closure import smooth_directions
 from mcstudy.gap.questions.likeness import _held_out, _likeness, likeness

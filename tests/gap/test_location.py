@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.evidence import Hypothesis
 from mcstudy.gap.questions.location import locations, missing_torque
 from mcstudy.gap.questions.posterior import Explanation

@@ -17,7 +17,7 @@ from mcstudy.effect_library.edits import body_of, exchanged_segments, gyrations
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import RecordingError
 from mcstudy.files import schema
-from mcstudy.fitting.penalised import Data
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnose import detect, diagnose
 from mcstudy.gap.questions.any_gap import GapTest
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate, possible

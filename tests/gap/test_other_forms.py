@@ -10,7 +10,8 @@ from mcstudy_challenge.bodies.forms import FORMS
 from mcstudy_challenge.bodies.misshapen import shaped
 
 from mcstudy.effect_library import library
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.evidence import Hypothesis, single
 from mcstudy.gap.questions.other_forms import in_other_forms, mixed
 from mcstudy.lines.base_fit import drawn_starts

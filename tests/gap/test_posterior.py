@@ -9,7 +9,8 @@ import pytest
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.protocol import Protocol, simulate_recording
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import WRONG_SIGN
 from mcstudy.gap.candidates.signatures import WANTED, alike_groups, applicable, signatures, similarity
 from mcstudy.gap.diagnose import diagnose, diagnose_lines

@@ -8,7 +8,8 @@ from scipy.optimize import least_squares
 from scipy.signal import freqs
 
 from mcstudy.effect_library import library
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.rational_torque import Loop, Path, extended, paths
 from mcstudy.gap.questions.remaining_torque import _candidates, remaining_torque
 from mcstudy.lines.priors import opened, weak_prior

@@ -11,7 +11,8 @@ import pytest
 
 import mcstudy as mc
 from mcstudy.effect_library.protocol import Protocol, simulate_recording
-from mcstudy.fitting.penalised import Data, whiten
+from mcstudy.fitting.penalised import whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.belief import gap_found
 from mcstudy.identification.paper_cost import averaged, paper_estimate
 from mcstudy.identification.quantities import expression

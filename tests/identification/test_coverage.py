@@ -13,7 +13,8 @@ import pytest
 
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError
-from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.quantities import quantities

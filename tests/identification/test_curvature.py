@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.curvature import MOST, _excess, curvature
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.profile import Linearised

@@ -10,7 +10,8 @@ import pytest
 from scipy.optimize import minimize
 
 import mcstudy as mc
-from mcstudy.fitting.penalised import Data, Fitter, whiten
+from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.minimum import search, without_prior

@@ -9,7 +9,8 @@ from scipy.stats import chi2
 import mcstudy as mc
 from mcstudy.errors import InputError
 from mcstudy.expressions import expression as formula
-from mcstudy.fitting.penalised import Data, whiten
+from mcstudy.fitting.penalised import whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.identification.quantities import expression, function, quantities, require_finite
 from mcstudy.identification.trades import bodies
 from mcstudy.stance.body import two_segment

@@ -18,6 +18,7 @@ LAYERS = (
     ("compiling",),
     ("stance",),
     ("files",),
+    ("models",),
     ("recordings",),
     ("spectra",),
     ("fitting",),

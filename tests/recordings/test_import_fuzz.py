@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 from c3d_writer import write_c3d
-from fuzzing import FUZZ
+from fuzzing import EDITS, FUZZ, mutated
 from hypothesis import given
 from hypothesis import strategies as st
 from lab_files import write_mat73
@@ -68,22 +68,14 @@ def test_the_honest_files_are_read(honest: Path, name: str) -> None:
     assert line(honest / name) == ""
 
 
-edits = st.lists(
-    st.tuples(st.floats(0, 1), st.binary(min_size=0, max_size=8), st.integers(0, 8)), min_size=1, max_size=6
-)
-
-
 @pytest.mark.parametrize("name", FILES)
 @FUZZ
-@given(edits=edits)
+@given(edits=EDITS)
 def test_a_mutated_file_is_read_or_refused_in_one_line(
     tmp_path: Path, honest: Path, name: str, edits: list[tuple[float, bytes, int]]
 ) -> None:
     content = (honest / name).read_bytes()
-    for where, new, gone in edits:
-        at = int(where * min(len(content), 3000))  # most of the structure is at the front
-        content = content[:at] + new + content[at + gone :]
-    (tmp_path / name).write_bytes(content)
+    (tmp_path / name).write_bytes(mutated(content, edits, 3000))  # most of the structure is at the front
     line(tmp_path / name)
 
 

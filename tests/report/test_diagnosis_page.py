@@ -16,7 +16,7 @@ from mcstudy.cli import main
 from mcstudy.effect_library.library import LIBRARY
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
-from mcstudy.fitting.penalised import Data
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnose import diagnose
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.settings import FAST

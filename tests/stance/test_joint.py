@@ -66,7 +66,7 @@ def test_the_compiled_fits_see_the_stimulus_of_every_line(effect: str | None) ->
     weight = np.tril(rng.standard_normal((n, 2, 2)) + 1j * rng.standard_normal((n, 2, 2)))
     weight[:, [0, 1], [0, 1]] = np.abs(weight[:, [0, 1], [0, 1]]) + 1
     data = frf(model, theta, np.concatenate(F)) * (1 + 0.1 * rng.standard_normal((n, 2)))
-    problem = Problem(model, np.concatenate(F), data, 1e3 * weight)
+    problem = Problem(np.concatenate(F), data, 1e3 * weight, model)
     cost, gradient, gram = normal_equations(problem, theta[None])
     r, J = problem.residual(theta), problem.jacobian(theta)
     np.testing.assert_allclose(cost[0], r @ r, rtol=1e-10)

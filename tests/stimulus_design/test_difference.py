@@ -11,7 +11,8 @@ import mcstudy as mc
 from mcstudy.effect_library import library
 from mcstudy.errors import DesignError
 from mcstudy.files import schema
-from mcstudy.fitting.penalised import Data, Fitter
+from mcstudy.fitting.penalised import Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.lines.priors import weak_prior
 from mcstudy.report.design_page import design_page
 from mcstudy.spectra.periods import ramp_removed

@@ -40,9 +40,9 @@ def sound(two_chunks: Path) -> Iterator[Path]:
 class InProcess:
     """What a run hands its blocks to, without a cluster: each is filled as a worker fills it."""
 
-    def __init__(self, cube: Cube, client: Any, options: Any, stop: Any, run: str, *rest: Any) -> None:
-        del client, options, stop, rest
-        self.cube, self.id, self.warned = cube, run, set[str]()
+    def __init__(self, cube: Cube, client: Any, options: Any, run: Any) -> None:
+        del client, options
+        self.cube, self.id, self.warned = cube, run.id, set[str]()
 
     def run(self, blocks: Any) -> list[Any]:
         for b in blocks:

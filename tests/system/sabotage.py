@@ -35,7 +35,7 @@ from mcstudy.fitting.solvers import solvers
 from mcstudy.streams import stream
 from mcstudy.study import experiment, extend, verify
 from mcstudy.study.cube.layout import Chunk
-from mcstudy.study.cube.store import Cube, GroupStore
+from mcstudy.study.cube.store import ChunkState, Cube, GroupStore
 
 SEED = 2
 """Of the faults of every sabotage: one with which each of them soon hits."""
@@ -85,9 +85,11 @@ def replace_in_two_steps(old: Path, new: Path) -> None:
     new.rename(old)
 
 
-def there(self: GroupStore, chunk: Chunk) -> bool:
+def there(self: GroupStore, chunk: Chunk) -> ChunkState:
     """Files that are not looked into."""
-    return all(self.chunk_file(name, chunk).exists() for name in self.layout.results)
+    if not all(self.chunk_file(name, chunk).exists() for name in self.layout.results):
+        return ChunkState.BROKEN
+    return ChunkState.NOTED if self.annotated(chunk) else ChunkState.WHOLE
 
 
 LINES = f"{KILLS}run, between"
@@ -97,7 +99,7 @@ SABOTAGES: tuple[tuple[str, Any, str, Any], ...] = (
     (LINES, GroupStore, "write", status_first),
     (f"{KILLS}run, any moment", experiment, "start_stream", next_stream),
     (f"{KILLS}extend, between", extend, "replace_tree", replace_in_two_steps),
-    ("file damaged", GroupStore, "complete", there),
+    ("file damaged", GroupStore, "state", there),
 )
 """Faults that are tried, and what is replaced by what."""
 
@@ -138,7 +140,7 @@ def blind(cube: Cube, made_in: dict[str, Any], elsewhere: bool) -> Iterator[tupl
 
 
 STATE_SABOTAGES: tuple[tuple[Any, str, Any], ...] = (
-    (GroupStore, "complete", there),
+    (GroupStore, "state", there),
     (GroupStore, "write", status_first),
     (extend, "replace_tree", replace_in_two_steps),
     (verify, "_skeleton_damage", blind),

@@ -38,7 +38,7 @@ from mcstudy.fitting.status import Status
 from mcstudy.scheduler.cluster import ClusterOptions
 from mcstudy.study import extend, run, verify
 from mcstudy.study.cube import layout, run_log
-from mcstudy.study.cube.store import Cube
+from mcstudy.study.cube.store import ChunkState, Cube
 from mcstudy.study.execution import tasks
 from mcstudy.study.study_file import parse_study
 
@@ -128,7 +128,7 @@ def look(out: Path) -> dict[str, Any]:
     (store,) = cube.groups.values()
     done = {}
     for chunk in store.layout.chunks:
-        if store.complete(chunk):
+        if store.state(chunk) is not ChunkState.BROKEN:
             finished = store.read("status", chunk)[0] != Status.PENDING
             for r, realization in enumerate(store.layout.realizations(chunk)):
                 done[str(realization)] = int(finished[:, r].sum())

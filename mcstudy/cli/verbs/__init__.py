@@ -18,6 +18,7 @@ GROUP = "mcstudy.commands"
 
 VERBS = {
     "studies": "list the studies that come with mcstudy, each with what it answers",
+    "models": "list the models that a study may name, print one as TOML, or check one",
     "run": "run a study file into a results cube, or resume it",
     "plan": "predict run time, size and precision of a study before running it",
     "status": "show the progress of a results cube",

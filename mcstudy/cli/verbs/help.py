@@ -12,6 +12,7 @@ IN_WHEEL = ("pipelines", "results_schema")
 
 TOPICS = {
     "studies": ("every field of a study file, and what each shipped study answers", "pipelines/README.md"),
+    "models": ("a model of your own: every field of a model file", "pipelines/examples/own_model.md"),
     "paper": ("reproduce the paper, figure by figure", "pipelines/reproduce.md"),
     "examples": ("two stimuli, populations, a model of your own", "pipelines/examples/README.md"),
     "statistics": ("the statistics of a results cube", "analysis/README.md"),

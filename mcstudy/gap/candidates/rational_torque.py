@@ -24,7 +24,8 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from mcstudy.fitting.arguments import Prior
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
 from mcstudy.stance.joint import changed, members
 from mcstudy.stance.response import active, system

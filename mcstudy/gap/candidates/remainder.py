@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.fitting.small_linear import gaussian_factor
 from mcstudy.gap.candidates.scores import Projection
 from mcstudy.gap.candidates.unknown import free_torques

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_ndtr
 
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.fitting.small_linear import gaussian_factor
 from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.gap.candidates.unknown import Family, free_torques, plain_feedback, strange

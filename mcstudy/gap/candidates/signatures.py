@@ -17,7 +17,8 @@ import numpy as np
 from mcstudy.effect_library import library
 from mcstudy.effect_library.effect import Effect
 from mcstudy.errors import ModelError
-from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
+from mcstudy.fitting.penalised import Fitted, Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.lines.priors import weak_prior
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian

@@ -19,7 +19,8 @@ from itertools import product
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted, whiten
+from mcstudy.fitting.penalised import Fitted, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import active, system
 

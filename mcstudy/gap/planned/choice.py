@@ -9,7 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from mcstudy.errors import InputError
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.planned.gain import Told, told
 from mcstudy.gap.planned.predictions import Belief, Expected, Recorded, moved, predictions

@@ -10,7 +10,7 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import plain
-from mcstudy.fitting.penalised import Data
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.nearest_words import chance
 from mcstudy.gap.planned.choice import CYCLES, TRIALS, Option, Plan, Situation, possible_trials, ranked

@@ -16,7 +16,8 @@ import numpy as np
 
 from mcstudy.effect_library.effect import Size
 from mcstudy.effect_library.library import LIBRARY, apply
-from mcstudy.fitting.penalised import Data, Fitted, whiten
+from mcstudy.fitting.penalised import Fitted, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.unknown import free_torques
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.questions.evidence import Hypothesis

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.signatures import alike_groups, applicable, signatures, similarity
 from mcstudy.gap.planned.predictions import moved
 from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise

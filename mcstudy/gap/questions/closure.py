@@ -22,7 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ive, xlogy
 
-from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
+from mcstudy.fitting.penalised import Fitted, Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.fitting.small_linear import orthonormal
 from mcstudy.gap.candidates.unstructured import Unstructured
 from mcstudy.gap.questions.departure import left_energies

@@ -14,7 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.remainder import Remainder
 from mcstudy.gap.questions.evidence import Hypothesis
 

@@ -15,7 +15,8 @@ from itertools import pairwise
 import numpy as np
 
 from mcstudy.fitting.arguments import PenalisedFits
-from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
+from mcstudy.fitting.penalised import Fitted, Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unstructured import Unstructured
 from mcstudy.lines.part_fits import PartFit, part_fits

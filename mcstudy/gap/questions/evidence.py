@@ -21,7 +21,8 @@ import numpy as np
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.effect import Effect, Size
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import TYPICAL_DELTA, WRONG_SIGN
 from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.lines.priors import weak_prior

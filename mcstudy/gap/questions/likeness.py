@@ -16,7 +16,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
+from mcstudy.fitting.penalised import Fitted, Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.interval import Interval
 from mcstudy.stance.response import frf
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from mcstudy.effect_library.effect import LOCATIONS
 from mcstudy.effect_library.library import LIBRARY
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.posterior import Explanation
 from mcstudy.stance.response import system
 

@@ -29,7 +29,8 @@ import numpy as np
 
 from mcstudy.effect_library.edits import exchanged_segments, gyrations
 from mcstudy.errors import ModelError
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.questions.evidence import Hypothesis, SizeEstimate
 from mcstudy.lines.priors import weak_prior

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.closure import smooth_directions
 from mcstudy.gap.questions.detection import Band, Detection, bands, linear_null, standardised
 from mcstudy.gap.questions.evidence import Hypothesis, possible

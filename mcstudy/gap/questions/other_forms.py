@@ -18,7 +18,8 @@ from dataclasses import replace
 import numpy as np
 
 from mcstudy.effect_library import library
-from mcstudy.fitting.penalised import Data, Fitted, Fitter
+from mcstudy.fitting.penalised import Fitted, Fitter
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.evidence import Hypothesis, profiled
 from mcstudy.lines.priors import weak_prior
 

@@ -19,7 +19,8 @@ import numpy as np
 from mcstudy.effect_library import library
 from mcstudy.effect_library.effect import Effect
 from mcstudy.errors import InputError
-from mcstudy.fitting.penalised import Data, Fitted, whiten
+from mcstudy.fitting.penalised import Fitted, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.gap.candidates.unstructured import Unstructured

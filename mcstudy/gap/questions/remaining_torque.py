@@ -20,7 +20,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted, Fitter, whiten
+from mcstudy.fitting.penalised import Fitted, Fitter, whiten
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.rational_torque import MOST_POLES, Loop, Path, extended, linear_start, next_starts, paths
 from mcstudy.gap.questions.interval import Interval
 

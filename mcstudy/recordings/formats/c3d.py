@@ -49,42 +49,42 @@ def variables_of(path: Path) -> dict[str, Variable]:
         raise RecordingError(f"{path}: expected C3D: {printable(str(error))}") from None
 
 
-def _variables(raw: bytes, told: Parameters) -> dict[str, Variable]:
-    points, analogs = _stated(told.count("POINT:USED"), told.header[1]), told.count("ANALOG:USED")
-    rate = _first(told.floats("POINT:RATE"), told.rate_hz)
+def _variables(raw: bytes, parameters: Parameters) -> dict[str, Variable]:
+    points, analogs = _stated(parameters.count("POINT:USED"), parameters.header[1]), parameters.count("ANALOG:USED")
+    rate = _first(parameters.floats("POINT:RATE"), parameters.rate_hz)
     if not (np.isfinite(rate) and rate > 0):
         raise Damaged(f"POINT:RATE: expected frames per second, got {rate:g}")
-    per_frame = int(told.header[9])
+    per_frame = int(parameters.header[9])
     if analogs is None:
-        analogs = int(told.header[2]) // per_frame if per_frame else 0
+        analogs = int(parameters.header[2]) // per_frame if per_frame else 0
     elif analogs:
-        per_frame = _whole_ratio(_first(told.floats("ANALOG:RATE"), rate * per_frame), rate)
+        per_frame = _whole_ratio(_first(parameters.floats("ANALOG:RATE"), rate * per_frame), rate)
     if not points and not analogs:
-        raise Damaged(_without_points(told))
+        raise Damaged(_without_points(parameters))
     if 3 * points + analogs > MOST_VARIABLES:
         raise Damaged(f"expected at most {MOST_VARIABLES} points and channels")
-    scale = _first(told.floats("POINT:SCALE"), told.scale)
+    scale = _first(parameters.floats("POINT:SCALE"), parameters.scale)
     kind = "f4" if scale < 0 else "i2"
-    words = _frames(raw, told, 4 * points + analogs * per_frame, kind)
+    words = _frames(raw, parameters, 4 * points + analogs * per_frame, kind)
     samples = words
-    if kind == "i2" and "UNSIGNED" in (t.upper() for t in told.texts("ANALOG:FORMAT")):
+    if kind == "i2" and "UNSIGNED" in (t.upper() for t in parameters.texts("ANALOG:FORMAT")):
         samples = words.view(words.dtype.str.replace("i", "u"))
     out = {}
-    units, length = _point_units(told), (told.texts("POINT:UNITS") or [""])[0]
-    for k, label in enumerate(_labels(told, "POINT", points)):
+    units, length = _point_units(parameters), (parameters.texts("POINT:UNITS") or [""])[0]
+    for k, label in enumerate(_labels(parameters, "POINT", points)):
         for axis, name in enumerate(AXES):
             full, unit = f"{label}.{name}", units.get(label, length) or None
             factor = 1.0 if kind == "f4" else scale
             out[full] = Variable(full, (len(words),), partial(_coordinate, words, k, axis, factor), unit, rate)
-    offset, factors = _calibration(told, analogs)
-    stated = told.texts("ANALOG:UNITS")
-    for k, label in enumerate(_labels(told, "ANALOG", analogs)):
+    offset, factors = _calibration(parameters, analogs)
+    stated = parameters.texts("ANALOG:UNITS")
+    for k, label in enumerate(_labels(parameters, "ANALOG", analogs)):
         name = label if label not in out else f"ANALOG.{label}"
         unit = stated[k] or None if k < len(stated) else None
         values = samples[:, 4 * points + k :: analogs]
         read = partial(_channel, values, float(offset[k]), float(factors[k]))
         out[name] = Variable(name, (values.size,), read, unit, rate * per_frame)
-    return out | _events(told, rate)
+    return out | _events(parameters, rate)
 
 
 def _stated(parameter: int | None, header: int) -> int:
@@ -103,8 +103,8 @@ def _whole_ratio(analog_hz: float, rate: float) -> int:
     return round(ratio)
 
 
-def _without_points(told: Parameters) -> str:
-    rotations = told.count("ROTATION:USED")
+def _without_points(parameters: Parameters) -> str:
+    rotations = parameters.count("ROTATION:USED")
     if rotations:
         return (
             f"a file with points or analog channels, found {rotations} rotations of segments only; "
@@ -113,20 +113,20 @@ def _without_points(told: Parameters) -> str:
     return "points or analog channels, found none"
 
 
-def _frames(raw: bytes, told: Parameters, width: int, kind: str) -> np.ndarray:
+def _frames(raw: bytes, parameters: Parameters, width: int, kind: str) -> np.ndarray:
     """The words of every frame (frames, width), as stored; no more and no fewer than the file holds."""
-    start = (_stated(told.count("POINT:DATA_START"), told.header[8]) - 1) * BLOCK
+    start = (_stated(parameters.count("POINT:DATA_START"), parameters.header[8]) - 1) * BLOCK
     if start <= 0:
         raise Damaged("POINT:DATA_START: expected the block at which the data begin")
-    later = (told.start, ((told.count("ROTATION:DATA_START") or 0) - 1) * BLOCK)
+    later = (parameters.start, ((parameters.count("ROTATION:DATA_START") or 0) - 1) * BLOCK)
     end = min([len(raw), *(section for section in later if section > start)])
     size = width * (4 if kind == "f4" else 2)
     data = memoryview(raw)[start:end]
-    count = _frame_count(told, data, size)
-    return told.numbers.read(data[: count * size], kind).reshape(count, width)
+    count = _frame_count(parameters, data, size)
+    return parameters.numbers.read(data[: count * size], kind).reshape(count, width)
 
 
-def _frame_count(told: Parameters, data: memoryview, size: int) -> int:
+def _frame_count(parameters: Parameters, data: memoryview, size: int) -> int:
     """How many frames of ``size`` bytes the data hold.
 
     Whole frames may be followed by what fills up the last block, in some programs by a whole one. A count that is
@@ -135,7 +135,7 @@ def _frame_count(told: Parameters, data: memoryview, size: int) -> int:
     """
     there = len(data) // size
     used = len(bytes(data).rstrip(b"\0"))  # the data without what fills up the last block
-    counts, long = _stated_counts(told)
+    counts, long = _stated_counts(parameters)
     fitting = sorted(n for n in (*counts, *long) if 0 < n <= there and len(data) - n * size <= BLOCK)
     fitting += sorted(n for n in (*counts, *long) if 0 < n <= there and used <= n * size and n not in fitting)
     for n in fitting:
@@ -154,13 +154,13 @@ def _frame_count(told: Parameters, data: memoryview, size: int) -> int:
     raise Damaged(f"{declared} frames declared (POINT:FRAMES and header), {least if there else 0} are there")
 
 
-def _stated_counts(told: Parameters) -> tuple[set[int], set[int]]:
+def _stated_counts(parameters: Parameters) -> tuple[set[int], set[int]]:
     """Numbers of frames that the file states: in 16 bits, and in more. Some programs count them from 0."""
-    first, last = int(told.header[3]), int(told.header[4])
-    begin, end = told.long("TRIAL:ACTUAL_START_FIELD"), told.long("TRIAL:ACTUAL_END_FIELD")
-    frames = told.count("POINT:FRAMES") or 0
+    first, last = int(parameters.header[3]), int(parameters.header[4])
+    begin, end = parameters.long("TRIAL:ACTUAL_START_FIELD"), parameters.long("TRIAL:ACTUAL_END_FIELD")
+    frames = parameters.count("POINT:FRAMES") or 0
     short = {last - first + 1 if last else 0, last if first == 0 else 0, frames if frames < FULL else 0}
-    long = {told.count("POINT:LONG_FRAMES") or 0, frames if frames >= FULL else 0}
+    long = {parameters.count("POINT:LONG_FRAMES") or 0, frames if frames >= FULL else 0}
     if end is not None:
         begin = 1 if begin is None else begin
         long |= {end - begin + 1, end if begin == 0 else 0}
@@ -183,10 +183,10 @@ def _channel(values: np.ndarray, offset: float, factor: float) -> np.ndarray:
     return (values.ravel().astype(float) - offset) * factor
 
 
-def _calibration(told: Parameters, analogs: int) -> tuple[np.ndarray, np.ndarray]:
+def _calibration(parameters: Parameters, analogs: int) -> tuple[np.ndarray, np.ndarray]:
     """Offsets and factors of the channels: value = (stored - offset) factor. One number is that of every channel."""
-    offset, scale = told.floats("ANALOG:OFFSET"), told.floats("ANALOG:SCALE")
-    if "UNSIGNED" in (t.upper() for t in told.texts("ANALOG:FORMAT")):
+    offset, scale = parameters.floats("ANALOG:OFFSET"), parameters.floats("ANALOG:SCALE")
+    if "UNSIGNED" in (t.upper() for t in parameters.texts("ANALOG:FORMAT")):
         offset = np.where(offset < 0, offset + FULL, offset)
     out = []
     for name, given, otherwise in (("OFFSET", offset, 0.0), ("SCALE", scale, 1.0)):
@@ -196,19 +196,19 @@ def _calibration(told: Parameters, analogs: int) -> tuple[np.ndarray, np.ndarray
             raise Damaged(f"ANALOG:{name}: expected a number for each of {analogs} channels, got {given.size}")
         else:
             out.append(given[:analogs])
-    return out[0], out[1] * _first(told.floats("ANALOG:GEN_SCALE"), 1.0)
+    return out[0], out[1] * _first(parameters.floats("ANALOG:GEN_SCALE"), 1.0)
 
 
-def _point_units(told: Parameters) -> dict[str, str]:
+def _point_units(parameters: Parameters) -> dict[str, str]:
     """Units of the points that are no positions."""
-    given = {kind: (told.texts(f"POINT:{units}") or [""])[0] for kind, units in KINDS.items()}
+    given = {kind: (parameters.texts(f"POINT:{units}") or [""])[0] for kind, units in KINDS.items()}
     given["ANGLES"] = given["ANGLES"] or "deg"
-    return {label: unit for kind, unit in given.items() for label in told.texts(f"POINT:{kind}")}
+    return {label: unit for kind, unit in given.items() for label in parameters.texts(f"POINT:{kind}")}
 
 
-def _labels(told: Parameters, group: str, count: int) -> list[str]:
+def _labels(parameters: Parameters, group: str, count: int) -> list[str]:
     """Labels of points or channels, each once."""
-    given = told.texts(f"{group}:LABELS")
+    given = parameters.texts(f"{group}:LABELS")
     names: dict[str, None] = {}
     for k in range(count):
         name = given[k] if k < len(given) and given[k] else f"{group.lower()}{k}"
@@ -216,18 +216,18 @@ def _labels(told: Parameters, group: str, count: int) -> list[str]:
     return list(names)
 
 
-def _events(told: Parameters, rate: float) -> dict[str, Variable]:
+def _events(parameters: Parameters, rate: float) -> dict[str, Variable]:
     """Times of events by label. The file counts them from frame 1, in minutes and seconds."""
-    labels, times = told.texts("EVENT:LABELS"), told.floats("EVENT:TIMES")
+    labels, times = parameters.texts("EVENT:LABELS"), parameters.floats("EVENT:TIMES")
     if not labels or not times.size:
         return {}
     if times.size % 2:
         raise Damaged("EVENT:TIMES: expected minutes and seconds of every event")
-    begin = told.long("TRIAL:ACTUAL_START_FIELD")
-    first = int(told.header[3]) if begin is None else begin
+    begin = parameters.long("TRIAL:ACTUAL_START_FIELD")
+    first = int(parameters.header[3]) if begin is None else begin
     seconds = times.reshape(-1, 2) @ (60.0, 1.0) - max(first - 1, 0) / rate
     out = {}
     for label in dict.fromkeys(labels):
-        own = np.array([t for name, t in zip(labels, seconds, strict=False) if name == label])
-        out[f"EVENT.{label}"] = Variable(f"EVENT.{label}", own.shape, partial(np.copy, own), "s")
+        occurrences = np.array([t for name, t in zip(labels, seconds, strict=False) if name == label])
+        out[f"EVENT.{label}"] = Variable(f"EVENT.{label}", occurrences.shape, partial(np.copy, occurrences), "s")
     return out

@@ -7,8 +7,8 @@ format, user guide (c3d.org), chapters on the header and the parameter section.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,27 +74,15 @@ class Parameters:
 
     def texts(self, key: str) -> list[str]:
         """Text under a key, one or many; those of ``KEY2``, ``KEY3``, ... follow, as there are more than 255."""
-        found, k = list(self._texts(key)), 2
-        while f"{key}{k}" in self.values:
-            found += self._texts(f"{key}{k}")
-            k += 1
-        return found
-
-    def _texts(self, key: str) -> Iterator[str]:
-        value = self.values.get(key)
-        return iter(()) if value is None or value.dtype.kind != "U" else map(str, value)
+        return [str(text) for value in self._chain(key) if value.dtype.kind == "U" for text in value]
 
     def floats(self, key: str) -> np.ndarray:
         """Numbers under a key in one row, those of ``KEY2``, ``KEY3``, ... included; empty where there are none."""
-        parts, k = [self._floats(key)], 2
-        while f"{key}{k}" in self.values:
-            parts.append(self._floats(f"{key}{k}"))
-            k += 1
-        return np.concatenate(parts)
+        return np.concatenate([np.empty(0), *(v.astype(float) for v in self._chain(key) if v.dtype.kind != "U")])
 
-    def _floats(self, key: str) -> np.ndarray:
-        value = self.values.get(key)
-        return np.empty(0) if value is None or value.dtype.kind == "U" else value.astype(float)
+    def _chain(self, key: str) -> list[np.ndarray]:
+        names = itertools.takewhile(self.values.__contains__, (f"{key}{k}" for k in itertools.count(2)))
+        return [self.values[name] for name in (key, *names) if name in self.values]
 
     def count(self, key: str) -> int | None:
         """A whole number that is not negative; 16 bits count to 65,535, floats further. None where there is none."""
@@ -130,7 +118,7 @@ def parameters_of(content: bytes) -> Parameters:
 
 def _values(content: bytes, at: int, numbers: Numbers) -> dict[str, np.ndarray]:
     groups: dict[int, str] = {}
-    found: list[tuple[int, str, np.ndarray]] = []
+    records: list[tuple[int, str, np.ndarray]] = []
     while True:
         length, group = np.frombuffer(_part(content, at, 2), "i1").tolist()
         if not length:
@@ -141,11 +129,11 @@ def _values(content: bytes, at: int, numbers: Numbers) -> dict[str, np.ndarray]:
         if group < 0:
             groups[-group] = name
         else:
-            found.append((group, name, _array(content, at + 2, numbers, name)))
+            records.append((group, name, _array(content, at + 2, numbers, name)))
         if not step:
             break
         at += step
-    return {f"{groups.get(group, group)}:{name}": value for group, name, value in found}
+    return {f"{groups.get(group, group)}:{name}": value for group, name, value in records}
 
 
 def _array(content: bytes, at: int, numbers: Numbers, name: str) -> np.ndarray:

@@ -25,8 +25,8 @@ def source(path: Path, dialect: Dialect) -> Source:  # noqa: ARG001 - nothing ab
     with path.open("rb") as file:
         head = file.read(matlab5.HEADER)
     if matlab5.is_matlab5(head):
-        found, others = matlab5.variables_of(content(path, matlab5.LARGEST), path)
-        return Source(path, "MATLAB 5 to 7", found, others=with_remedies(others))
+        listing = matlab5.variables_of(content(path, matlab5.LARGEST), path)
+        return Source(path, "MATLAB 5 to 7", listing.numbers, others=with_remedies(listing.others))
     if is_hdf5(path):
         return _version73(path)
     raise RecordingError(f"{path}: expected a MATLAB file of version 5 or later (save it again with -v7 or -v7.3)")
@@ -51,8 +51,8 @@ def _version73(path: Path) -> Source:
         raise RecordingError(f"{path}: expected a MATLAB file: {error}") from None
 
     def values(dataset: str, shape: tuple[int, ...]) -> np.ndarray:
-        _, (found,) = answer("mcstudy.recordings.formats.hdf5:values", path, dataset, expected=8 * math.prod(shape))
-        return np.asarray(found, dtype=float).T
+        _, (array,) = answer("mcstudy.recordings.formats.hdf5:values", path, dataset, expected=8 * math.prod(shape))
+        return np.asarray(array, dtype=float).T
 
     variables = {n: Variable(n, tuple(shape), partial(values, at, tuple(shape))) for n, shape, at in numbers}
     return Source(path, "MATLAB 7.3", variables, others=with_remedies(others))

@@ -11,7 +11,6 @@ without ``trial`` can also be read. `results_schema/1.0.0/recording.json` states
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -33,6 +32,7 @@ from mcstudy.files.unfinished import unfinished
 from mcstudy.recordings.clock import rate_of
 from mcstudy.recordings.guards import LARGEST, check_zarr
 from mcstudy.recordings.recording import Recording, Trial, refuse_size
+from mcstudy.recordings.refusals import UNREAD, first_line, refused, require_known
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, Body
 from mcstudy.stance.feedback import ANGLES
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 BODY = ("J1", "J2", "C1", "C2", "A1", "A2", "g")
+
+TEXTS = ("convention", "name", "provenance", "person", "condition")
+"""Attributes that are text."""
 
 SHEET = "recording.toml"
 """Description of the CSV files in a folder."""
@@ -66,10 +69,8 @@ def to_dataset(recording: Recording) -> xr.Dataset:
         "stimulus_kind": recording.stimulus,
         "convention": recording.convention,
         "body": json.dumps(asdict(recording.body)),
+        **_stated(recording),
     }
-    if recording.period_s is not None:
-        attrs["period_s"] = recording.period_s
-    attrs |= {n: getattr(recording, n) for n in ("person", "condition") if getattr(recording, n)}
     dataset = xr.Dataset(
         {
             "stimulus": (("trial", "time"), stimulus, {"units": unit, "long_name": recording.stimulus}),
@@ -86,6 +87,12 @@ def to_dataset(recording: Recording) -> xr.Dataset:
     )
     schema.validate("recording", header(dataset), recording.name)
     return dataset
+
+
+def _stated(recording: Recording) -> dict[str, Any]:
+    """What need not be stated of a recording, where it is."""
+    optional = {n: getattr(recording, n) for n in ("period_s", "person", "condition")}
+    return {n: value for n, value in optional.items() if value not in (None, "")}
 
 
 def header(dataset: xr.Dataset) -> dict[str, Any]:
@@ -135,9 +142,8 @@ def write_csv(recording: Recording, folder: str | Path) -> Path:
     lines = [
         f"name = {json.dumps(recording.name)}",
         f"provenance = {json.dumps(recording.provenance)}",
-        *(f"{n} = {json.dumps(getattr(recording, n))}" for n in ("person", "condition") if getattr(recording, n)),
+        *(f"{n} = {json.dumps(value)}" for n, value in _stated(recording).items()),
         f"rate_hz = {recording.rate_hz!r}",
-        *([f"period_s = {recording.period_s!r}"] if recording.period_s is not None else []),
         f'stimulus = "{recording.stimulus}"',
         f'convention = "{recording.convention}"',
         f'units = {{time = "s", stimulus = "{recording.stimulus_unit}", angle = "deg"}}',
@@ -147,12 +153,11 @@ def write_csv(recording: Recording, folder: str | Path) -> Path:
         name = f"trial{k}.csv"
         lines += ["", "[[trials]]", f'file = "{name}"']
         lines += [f"amplitude = {trial.amplitude!r}"] if trial.amplitude is not None else []
-        time = np.arange(trial.samples) / recording.rate_hz
-        table = np.column_stack([time, trial.stimulus, np.rad2deg(trial.theta)])
-        header = "time,stimulus,theta1,theta2"
-        text = io.StringIO()
-        np.savetxt(text, table, fmt="%.12g", delimiter=",", header=header, comments="")
-        write_text(folder / name, text.getvalue().removesuffix("\n"))
+        columns = np.column_stack(
+            [np.arange(trial.samples) / recording.rate_hz, trial.stimulus, np.rad2deg(trial.theta)]
+        )
+        rows = [",".join(f"{x:.12g}" for x in row) for row in columns.tolist()]
+        write_text(folder / name, "\n".join(["time,stimulus,theta1,theta2", *rows]))
     path = folder / SHEET
     write_text(path, "\n".join(lines))
     return path
@@ -180,10 +185,10 @@ class Variable:
 
     def along(self, *dims: str) -> np.ndarray:
         """The values with these dims, among which are all of its own; one trial where the file has no trials."""
-        values, own = np.asarray(self.read()), self.dims
-        if "trial" not in own:
-            values, own = values[None], ("trial", *own)
-        return values.transpose([own.index(d) for d in dims])
+        values, stored_dims = np.asarray(self.read()), self.dims
+        if "trial" not in stored_dims:
+            values, stored_dims = values[None], ("trial", *stored_dims)
+        return values.transpose([stored_dims.index(d) for d in dims])
 
 
 @dataclass(frozen=True)
@@ -195,8 +200,8 @@ class Labelled:
 
     def coordinate(self, name: str) -> Variable | None:
         """The coordinate of a dimension; None where there is none."""
-        found = self.variables.get(name)
-        return found if found is not None and found.dims == (name,) else None
+        variable = self.variables.get(name)
+        return variable if variable is not None and variable.dims == (name,) else None
 
 
 def read_dataset(path: str | Path) -> Recording:
@@ -210,27 +215,26 @@ def read_dataset(path: str | Path) -> Recording:
     except RecordingError:
         raise
     except Exception as error:  # the libraries raise different errors for files that are not recordings
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:300]
-        raise RecordingError(f"{path}: expected NetCDF or Zarr: {reason}") from error
+        raise RecordingError(f"{path}: expected NetCDF or Zarr: {first_line(error)}") from error
 
 
 def _of_netcdf(path: Path) -> Labelled:
     reader = "mcstudy.recordings.formats.hdf5"
-    told, _ = answer(f"{reader}:netcdf", path)
-    if told is None:
+    listing, _ = answer(f"{reader}:netcdf", path)
+    if listing is None:
         reader = "mcstudy.recordings.formats.packed_netcdf"
-        told, _ = answer(f"{reader}:netcdf", path)
-    variables, attrs = told
+        listing, _ = answer(f"{reader}:netcdf", path)
+    variables, attrs = listing
 
     def values(name: str, size: int) -> np.ndarray:
         texts, arrays = answer(f"{reader}:values", path, name, expected=8 * size)
         return arrays[0] if arrays else np.asarray(texts)
 
-    found = {}
-    for name, dims, shape, kind, chunk, own in variables:
+    by_name = {}
+    for name, dims, shape, kind, chunk, stated in variables:
         read = bound(values, name, math.prod(shape))
-        found[name] = Variable(name, tuple(dims), tuple(shape), np.dtype(kind), own, tuple(chunk), read)
-    return Labelled(found, attrs)
+        by_name[name] = Variable(name, tuple(dims), tuple(shape), np.dtype(kind), stated, tuple(chunk), read)
+    return Labelled(by_name, attrs)
 
 
 def _by_xarray(path: Path) -> Recording:
@@ -249,11 +253,11 @@ def _of_xarray(dataset: xr.Dataset) -> Labelled:
     def values(variable: xr.Variable) -> np.ndarray:
         return np.asarray(variable.values)
 
-    def of(name: str, v: xr.Variable) -> Variable:
+    def lazy(name: str, v: xr.Variable) -> Variable:
         chunk = v.encoding.get("chunks") or ()
         return Variable(name, tuple(map(str, v.dims)), v.shape, v.dtype, v.attrs, tuple(chunk), bound(values, v))
 
-    return Labelled({str(name): of(str(name), v) for name, v in dataset.variables.items()}, dict(dataset.attrs))
+    return Labelled({str(name): lazy(str(name), v) for name, v in dataset.variables.items()}, dict(dataset.attrs))
 
 
 def _recording(file: Labelled, where: str) -> Recording:
@@ -270,8 +274,7 @@ def _recording(file: Labelled, where: str) -> Recording:
         raise RecordingError(f"{where}: angle: expected {', '.join(ANGLES)}, got {', '.join(named)}")
     attrs = file.attrs
     kind = str(_attribute(attrs, "stimulus_kind", where))
-    if kind not in STIMULI:
-        raise RecordingError(f"{where}: stimulus_kind: expected one of {', '.join(STIMULI)}, got {kind!r}")
+    require_known(kind, STIMULI, f"{where}: stimulus_kind")
     refuse_size(count, count * length, where)
     samples = _per_trial(file, "samples", count, float(length), where)
     for k, n in enumerate(samples, start=1):
@@ -290,54 +293,49 @@ def _recording(file: Labelled, where: str) -> Recording:
         for k, n in enumerate(samples.astype(int))
     ]
     period = attrs.get("period_s")
-    try:
+    texts: dict[str, Any] = {"name": Path(where).stem} | {n: str(attrs[n]) for n in TEXTS if n in attrs}
+    with refused(RecordingError, where=where):
         return Recording(
             tuple(trials),
             _rate(file, where),
             None if period is None else _number(period, "period_s", where),
             kind,
             _body(attrs, where),
-            str(attrs.get("convention", "peak")),
-            str(attrs.get("name", Path(where).stem)),
-            str(attrs.get("provenance", "")),
-            person=str(attrs.get("person", "")),
-            condition=str(attrs.get("condition", "")),
+            **texts,
         )
-    except RecordingError as error:
-        raise RecordingError(str(error) if str(error).startswith(where) else f"{where}: {error}") from error
 
 
 def _variable(file: Labelled, name: str, dims: tuple[str, ...], where: str) -> Variable:
     if name not in file.variables:
         others = ", ".join(n for n in file.variables if file.coordinate(n) is None)
         raise RecordingError(f"{where}: {name}: missing; found {others or 'nothing'}")
-    found = file.variables[name]
-    if found.dtype.kind not in "fiu":
-        raise RecordingError(f"{where}: {name}: expected numbers, got {found.dtype}")
-    if {"trial", *found.dims} != {"trial", *dims} or len(set(found.dims)) < len(found.dims):
-        raise RecordingError(f"{where}: {name}: expected dimensions trial, {', '.join(dims)}, got {found.dims}")
-    declared = 8 * max(math.prod(found.shape), math.prod(int(c) for c in found.chunk))
+    variable = file.variables[name]
+    if variable.dtype.kind not in "fiu":
+        raise RecordingError(f"{where}: {name}: expected numbers, got {variable.dtype}")
+    if {"trial", *variable.dims} != {"trial", *dims} or len(set(variable.dims)) < len(variable.dims):
+        raise RecordingError(f"{where}: {name}: expected dimensions trial, {', '.join(dims)}, got {variable.dims}")
+    declared = 8 * max(math.prod(variable.shape), math.prod(int(c) for c in variable.chunk))
     if declared > LARGEST:
         raise RecordingError(f"{where}: {name}: declares {declared} bytes; expected less than {LARGEST}")
-    if 0 in found.shape:
+    if 0 in variable.shape:
         raise RecordingError(f"{where}: {name}: empty")
-    return found
+    return variable
 
 
 def _values(variable: Variable, dims: tuple[str, ...], where: str) -> np.ndarray:
     try:
         return np.asarray(variable.along(*dims), dtype=float)
-    except (OSError, ValueError, RuntimeError, KeyError, MemoryError) as error:
-        raise RecordingError(f"{where}: {variable.name}: cannot be read: {str(error).splitlines()[0]}") from error
+    except UNREAD as error:
+        raise RecordingError(f"{where}: {variable.name}: cannot be read: {first_line(error)}") from error
 
 
 def _per_trial(file: Labelled, name: str, n: int, default: float, where: str) -> np.ndarray:
-    found = file.variables.get(name)
-    if found is None:
+    variable = file.variables.get(name)
+    if variable is None:
         return np.full(n, default)
-    if found.dtype.kind not in "fiu" or math.prod(found.shape) != n:
+    if variable.dtype.kind not in "fiu" or math.prod(variable.shape) != n:
         raise RecordingError(f"{where}: {name}: expected one number per trial ({n})")
-    return np.asarray(found.read(), dtype=float).ravel()
+    return np.asarray(variable.read(), dtype=float).ravel()
 
 
 def _attribute(attrs: Mapping[str, Any], name: str, where: str) -> Any:
@@ -373,7 +371,5 @@ def _body(attrs: Mapping[str, Any], where: str) -> Body:
         named = {n: given[n] for n in BODY if n in given or n != "g"}
     except (KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"{where}: body: expected JSON with {', '.join(BODY)}: {error!r}") from error
-    try:
+    with refused(ModelError, where=where):
         return Body(**{n: _number(v, f"body.{n}", where) for n, v in named.items()})
-    except ModelError as error:
-        raise RecordingError(f"{where}: {error}") from error

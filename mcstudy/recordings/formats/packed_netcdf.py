@@ -25,8 +25,8 @@ def netcdf(path: Path) -> Answer:
 def values(path: Path, name: str) -> Answer:
     """As `mcstudy.recordings.formats.hdf5.values`."""
     with _opened(path) as dataset:
-        found = np.asarray(dataset.variables[name].values)
-        return (None, [found]) if found.dtype.kind in "fiub" else (found.astype(str).tolist(), [])
+        array = np.asarray(dataset.variables[name].values)
+        return (None, [array]) if array.dtype.kind in "fiub" else (array.astype(str).tolist(), [])
 
 
 def _opened(path: Path) -> xr.Dataset:

@@ -11,10 +11,12 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from mcstudy.errors import RecordingError
+from mcstudy.recordings.refusals import UNREAD, first_line, size_text
 from mcstudy.text_tables import printable
 
 MOST_VARIABLES = 10_000
@@ -26,6 +28,9 @@ SHOWN = 20
 _INDEX = re.compile(
     r"(?P<name>.+)\[(?P<index>\s*(?::|-?\d{1,9})(?:\s*,\s*(?::|-?\d{1,9}))*\s*)\]", re.ASCII | re.DOTALL
 )
+
+DEEPEST = 16
+"""Deepest nesting of structs and cells."""
 
 TEXTS = "texts"
 """What a column holds that is neither numbers nor time stamps."""
@@ -62,6 +67,38 @@ class Variable:
     rate_hz: float | None = None
     angle_unit: str | None = None
     content: str = ""
+
+
+T = TypeVar("T")
+
+
+@dataclass
+class Listing(Generic[T]):
+    """What a file holds: arrays of numbers by name, and the classes of what is none."""
+
+    numbers: dict[str, T] = field(default_factory=dict)
+    others: dict[str, str] = field(default_factory=dict)
+
+    def add(self, name: str, array: T) -> None:
+        """Add an array of numbers; raises `RecordingError`, without a place, for more than a file may have."""
+        self._refuse_more()
+        self.numbers[name] = array
+
+    def add_other(self, name: str, category: str) -> None:
+        """Add what is no array of numbers."""
+        self._refuse_more()
+        self.others[name] = category
+
+    def _refuse_more(self) -> None:
+        if len(self.numbers) + len(self.others) >= MOST_VARIABLES:
+            raise RecordingError(f"expected at most {MOST_VARIABLES} variables")
+
+    @staticmethod
+    def refuse_deeper(depth: int, name: str = "") -> None:
+        """Raise `RecordingError`, without a place, beyond `DEEPEST`."""
+        if depth > DEEPEST:
+            place = f"{name[:60]}: " if name else ""
+            raise RecordingError(f"{place}expected structs and cells nested at most {DEEPEST} deep")
 
 
 @dataclass(frozen=True)
@@ -126,8 +163,8 @@ class Source:
         ]
         if len(self.plain.get("time", ())) > 1:
             return "time"
-        held = [k for k in alike if self.variables[self.numbered[k]].content != TEXTS]
-        return held[0] if len(held) == 1 else None
+        numeric = [k for k in alike if self.variables[self.numbered[k]].content != TEXTS]
+        return numeric[0] if len(numeric) == 1 else None
 
     def elements(self, key: str) -> list[Picked]:
         """The values under a name in every element of a struct array or cell array, in order; `RecordingError`.
@@ -136,27 +173,26 @@ class Source:
         """
         bare = {name: re.sub(r"\[\d+\]", "", name) for name in self.variables}
         key, index = (key, ()) if key in bare.values() else _parts(key)
-        found = [self._of(name) for name, short in bare.items() if short == key]
-        if not found:
+        picked = [self._of(name) for name, short in bare.items() if short == key]
+        if not picked:
             raise RecordingError(self._missing(key))
-        return [self._indexed(p, index) for p in found]
+        return [self._indexed(p, index) for p in picked]
 
-    def _indexed(self, found: Picked, index: tuple[slice | int, ...]) -> Picked:
+    def _indexed(self, picked: Picked, index: tuple[slice | int, ...]) -> Picked:
         if not index:
-            return found
+            return picked
         try:
-            return replace(found, values=found.values[index])
+            return replace(picked, values=picked.values[index])
         except IndexError:
-            shape = " x ".join(map(str, found.values.shape))
-            raise RecordingError(f"{self.path}: {found.name}: expected indices from 0 within {shape}") from None
+            shape = size_text(picked.values.shape)
+            raise RecordingError(f"{self.path}: {picked.name}: expected indices from 0 within {shape}") from None
 
     def _of(self, name: str) -> Picked:
         variable = self.variables[name]
         try:
             values = np.asarray(variable.read(), dtype=float)
-        except (OSError, ValueError, RuntimeError, KeyError, MemoryError) as error:
-            reason = (str(error).splitlines() or [type(error).__name__])[0][:300]
-            raise RecordingError(f"{self.path}: {name}: cannot be read: {reason}") from error
+        except UNREAD as error:
+            raise RecordingError(f"{self.path}: {name}: cannot be read: {first_line(error)}") from error
         return Picked(name, values, variable.unit, variable.rate_hz, variable.angle_unit)
 
     def _column(self, number: int) -> str:
@@ -173,8 +209,8 @@ class Source:
         hint = f" (similar: {near[0]})" if near else ""
         more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
         what = "column" if self.numbered else "variable"
-        found = printable(", ".join(names[:SHOWN])) or "none"
-        return f"{self.path}: {what} {key!r} is missing{hint}; found {found}{more}"
+        listed = printable(", ".join(names[:SHOWN])) or "none"
+        return f"{self.path}: {what} {key!r} is missing{hint}; found {listed}{more}"
 
 
 def _parts(key: str) -> tuple[str, tuple[slice | int, ...]]:

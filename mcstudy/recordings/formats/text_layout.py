@@ -99,13 +99,13 @@ class _Rows:
     def split(self, line: str) -> list[str]:
         return split(line, self.delimiter)
 
-    def numbers(self, found: Sequence[str]) -> int:
-        return sum(1 for c in found if c and number(c, self.decimal) is not None)
+    def numbers(self, row: Sequence[str]) -> int:
+        return sum(1 for c in row if c and number(c, self.decimal) is not None)
 
-    def is_data(self, found: Sequence[str]) -> bool:
+    def is_data(self, row: Sequence[str]) -> bool:
         """Whether cells are a row of numbers, one of which may be wrong."""
-        begins_with_text = self.first_is_number and number(found[0], self.decimal) is None
-        return 2 * self.numbers(found) >= self.typical and not begins_with_text
+        begins_with_text = self.first_is_number and number(row[0], self.decimal) is None
+        return 2 * self.numbers(row) >= self.typical and not begins_with_text
 
 
 def split(line: str, delimiter: str) -> list[str]:
@@ -196,9 +196,9 @@ def _typical(body: list[tuple[int, str]], dialect: Dialect, delimiter: str | Non
 
 def _delimiter(sample: Sequence[str], decimal: str | None) -> str:
     """Tab, semicolon or comma in most lines, else blanks; a comma inside every number is a decimal sign."""
-    found = next((d for d in DELIMITERS if 2 * sum(d in line.strip() for line in sample) > len(sample)), BLANKS)
-    if found != ",":
-        return found
+    delimiter = next((d for d in DELIMITERS if 2 * sum(d in line.strip() for line in sample) > len(sample)), BLANKS)
+    if delimiter != ",":
+        return delimiter
     if decimal == ",":
         return BLANKS
     by_blanks = [line.split() for line in sample]
@@ -209,11 +209,11 @@ def _delimiter(sample: Sequence[str], decimal: str | None) -> str:
 def _first_row(body: list[tuple[int, str]], seen: _Rows, header_first: bool) -> int:
     """Index of the first row of numbers. Names may be numbers only in the first line: 0, 1, 2, ... of a data frame."""
     for k, (_, line) in enumerate(body):
-        found = seen.split(line)
-        if k == 0 and len(body) > 1 and (_counted(found) or (header_first and number(found[0], seen.decimal) is None)):
+        row = seen.split(line)
+        if k == 0 and len(body) > 1 and (_counted(row) or (header_first and number(row[0], seen.decimal) is None)):
             continue
         after = body[k + 1][1] if k + 1 < len(body) else None
-        if not seen.is_data(found) or not (after is None or seen.is_data(seen.split(after))):
+        if not seen.is_data(row) or not (after is None or seen.is_data(seen.split(after))):
             continue  # numbers above the names, as OptiTrack writes those of segments
         while k > 0 and _only_numbers(above := seen.split(body[k - 1][1]), seen) and len(above) == seen.width:
             k -= 1
@@ -223,31 +223,31 @@ def _first_row(body: list[tuple[int, str]], seen: _Rows, header_first: bool) -> 
     raise ValueError("expected rows of numbers under the header, found none")
 
 
-def _counted(found: Sequence[str]) -> bool:
+def _counted(row: Sequence[str]) -> bool:
     """Whether a line counts its columns from 0 or 1, or names the first nothing and counts the others."""
-    rest = list(found if found[0] else found[1:])
+    rest = list(row if row[0] else row[1:])
     return len(rest) > 1 and any(rest == [str(j + k) for k in range(len(rest))] for j in (0, 1))
 
 
-def _only_numbers(found: Sequence[str], seen: _Rows) -> bool:
-    return seen.numbers(found) > 0 and all(number(c, seen.decimal) is not None for c in found)
+def _only_numbers(row: Sequence[str], seen: _Rows) -> bool:
+    return seen.numbers(row) > 0 and all(number(c, seen.decimal) is not None for c in row)
 
 
 def _last_row(body: list[tuple[int, str]], start: int, seen: _Rows) -> tuple[int, tuple[str, ...]]:
     """Index after the last row of numbers; lines of text and empty cells below it are left out, which is told."""
     stop = len(body)
     while stop > start + 1 and len(body) - stop < MOST_BELOW:
-        found = seen.split(body[stop - 1][1])
-        empty = not any(found)
-        text = number(found[0], seen.decimal) is None and (seen.first_is_number or not seen.numbers(found))
+        row = seen.split(body[stop - 1][1])
+        empty = not any(row)
+        text = number(row[0], seen.decimal) is None and (seen.first_is_number or not seen.numbers(row))
         if not (empty or text):
             break
         stop -= 1
     below = [(k, line) for k, line in body[stop:] if any(seen.split(line))]
     if not below:
         return stop, ()
-    which = f"line {below[0][0]}" if len(below) == 1 else f"lines {below[0][0]} to {below[-1][0]}"
-    return stop, (f"{which} below the numbers left out ({below[0][1].strip()[:60]})",)
+    place = f"line {below[0][0]}" if len(below) == 1 else f"lines {below[0][0]} to {below[-1][0]}"
+    return stop, (f"{place} below the numbers left out ({below[0][1].strip()[:60]})",)
 
 
 def _heads(rows: list[tuple[int, str]], seen: _Rows, above: list[tuple[int, str]]) -> tuple[int, list[list[str]]]:
@@ -261,10 +261,10 @@ def _heads(rows: list[tuple[int, str]], seen: _Rows, above: list[tuple[int, str]
         given = _trimmed(seen.split(line.lstrip().lstrip("".join(COMMENTS)).strip(" ") if comment else line))
         if not heads and ends_empty and len(given) == columns - 1:
             columns -= 1
-        found = _fitting(given, columns, seen, rows) or (_other_delimiter(line, columns) if comment else None)
-        if found is None and heads and not comment and columns - 2 <= len(seen.split(line)) and len(given) <= columns:
-            found = given + [""] * (columns - len(given))  # words above groups of columns
-        if found is None or _only_numbers(found, seen):
+        head = _fitting(given, columns, seen, rows) or (_other_delimiter(line, columns) if comment else None)
+        if head is None and heads and not comment and columns - 2 <= len(seen.split(line)) and len(given) <= columns:
+            head = given + [""] * (columns - len(given))  # words above groups of columns
+        if head is None or _only_numbers(head, seen):
             if comment and not heads:
                 continue
             if not heads and len(given) > 1 and not _only_numbers(given, seen):
@@ -273,15 +273,15 @@ def _heads(rows: list[tuple[int, str]], seen: _Rows, above: list[tuple[int, str]
                     "no header, state the lines above the numbers (text.skip, --skip)"
                 )
             break
-        heads.append(found)
+        heads.append(head)
         if len(heads) == 3:
             break
     return columns if heads or not ends_empty else columns - 1, heads
 
 
-def _trimmed(found: list[str]) -> list[str]:
+def _trimmed(row: list[str]) -> list[str]:
     """Cells up to the last that is not empty."""
-    return found[: max((k + 1 for k, c in enumerate(found) if c), default=0)]
+    return row[: max((k + 1 for k, c in enumerate(row) if c), default=0)]
 
 
 def _fitting(given: list[str], columns: int, seen: _Rows, rows: list[tuple[int, str]]) -> list[str] | None:
@@ -298,7 +298,7 @@ def _fitting(given: list[str], columns: int, seen: _Rows, rows: list[tuple[int, 
 def _other_delimiter(line: str, columns: int) -> list[str] | None:
     """Names in a comment, between which another sign may stand than between the numbers."""
     tried = (split(line.lstrip("".join(COMMENTS) + " \t"), d) for d in (*DELIMITERS, BLANKS))
-    return next((found for found in tried if len(found) == columns), None)
+    return next((head for head in tried if len(head) == columns), None)
 
 
 def _check_widths(rows: list[tuple[int, str]], seen: _Rows, columns: int) -> None:
@@ -307,12 +307,12 @@ def _check_widths(rows: list[tuple[int, str]], seen: _Rows, columns: int) -> Non
         quick = '"' not in line
         n = (len(line.split()) if seen.delimiter == BLANKS else line.count(seen.delimiter) + 1) if quick else None
         if n != columns:
-            found = seen.split(line)
-            beyond = [c for c in found[columns:] if c and not c.startswith(COMMENTS)]  # LabChart's comments
-            if len(found) < columns or beyond:
-                begins = k > rows[0][0] and number(found[0], seen.decimal) is None
+            row = seen.split(line)
+            beyond = [c for c in row[columns:] if c and not c.startswith(COMMENTS)]  # LabChart's comments
+            if len(row) < columns or beyond:
+                begins = k > rows[0][0] and number(row[0], seen.decimal) is None
                 below = "; does another table begin here? cut the file" if begins else ""
-                raise ValueError(f"line {k}: expected {columns} columns, got {len(found)}{below}")
+                raise ValueError(f"line {k}: expected {columns} columns, got {len(row)}{below}")
 
 
 def _named(
@@ -322,21 +322,21 @@ def _named(
     nothing = [""] * columns
     if not heads:
         return (), (), (None,) * columns
-    below, own = nothing, [_tells_apart(head) for head in heads]
-    if len(heads) > 1 and (with_units or _are_units(heads[0]) or own[:2] == [False, True]):
+    below, distinct = nothing, [_tells_apart(head) for head in heads]
+    if len(heads) > 1 and (with_units or _are_units(heads[0]) or distinct[:2] == [False, True]):
         below, *heads = heads
     names = heads[0]
     over = heads[1] if len(heads) > 1 and not _tells_apart(names) else nothing
-    out, groups, units, group = [], [], [], ""
+    columns_named, groups, units, group = [], [], [], ""
     for name, word, unit in zip(names, over, below, strict=True):
         group = word or (group if name else "")
         axis = AXIS.fullmatch(name) if group else None
         match = _WITH_UNIT.fullmatch(name)
         plain, inside = (match["name"], match["unit"].strip()) if match and match["name"] else (name, "")
-        out.append(plain or group)
+        columns_named.append(plain or group)
         groups.append(group if name else "")
         units.append(unit.strip("[](){} ") or inside or at_end(name) or (length if axis else None))
-    return tuple(out), tuple(groups), tuple(units)
+    return tuple(columns_named), tuple(groups), tuple(units)
 
 
 def _tells_apart(names: list[str]) -> bool:
@@ -344,8 +344,8 @@ def _tells_apart(names: list[str]) -> bool:
     return all(names) and len(set(names)) == len(names)
 
 
-def _are_units(found: Sequence[str]) -> bool:
+def _are_units(head: Sequence[str]) -> bool:
     """Whether most cells are units, or in brackets."""
-    given = [c for c in found if c]
+    given = [c for c in head if c]
     known = sum(kind_of(c) is not None or (c[0] in "[(" and c[-1] in "])") for c in given)
     return 2 * known >= len(given)

@@ -9,18 +9,24 @@ body = {reference = "goodworth2018"}                     # the body of the paper
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 from pydantic import Field
 
 from mcstudy.errors import ModelError, RecordingError
 from mcstudy.recordings.formats.source import Source
+from mcstudy.recordings.refusals import refused
 from mcstudy.recordings.sheets.tables import Table
 from mcstudy.stance.anthropometry import SEXES, TABLES, proportions
 from mcstudy.stance.body import SEGMENTS, Body
 
-CONSTANTS = ("J1", "J2", "C1", "C2", "A1", "A2")
+FORMS = {
+    "segments": tuple(SEGMENTS),
+    "J1 ... A2": ("J1", "J2", "C1", "C2", "A1", "A2"),
+    "height and weight": ("height", "weight"),
+}
+"""Numbers of which all or none are stated."""
 
 EXPECTED = 'expected J1 ... A2, segments, height and weight, or reference = "goodworth2018"'
 
@@ -56,30 +62,20 @@ def body_of(sheet: BodySheet, source: Callable[[str], Source], where: str) -> tu
 
     ``source`` opens a data file by its name. `RecordingError` names ``where`` and the field.
     """
-    segments = {n: getattr(sheet, n) for n in SEGMENTS if getattr(sheet, n) is not None}
+    where = f"{where}: body"
+    stated = {form: _stated(sheet, names) for form, names in FORMS.items()}
     if sheet.file is not None:
-        file = source(sheet.file)
-        row = [file.pick(k).values[0] for k in range(len(file.numbered))]
-        if len(sheet.order) != len(row) or set(sheet.order) != set(SEGMENTS):
-            raise RecordingError(
-                f"{where}: body.order: expected the {len(SEGMENTS)} names {', '.join(SEGMENTS)} in the order of the "
-                f"{len(row)} columns of {sheet.file}"
-            )
-        segments |= {n: float(v) for n, v in zip(sheet.order, row, strict=True)}
-    constants = {n: getattr(sheet, n) for n in CONSTANTS if getattr(sheet, n) is not None}
-    person = {n: getattr(sheet, n) for n in ("height", "weight") if getattr(sheet, n) is not None}
-    words = {"segments": segments, "J1 ... A2": constants, "height and weight": person}
-    if len(given := [name for name, values in words.items() if values]) > 1:
-        raise RecordingError(f"{where}: body: expected either {' or '.join(given)}, got both")
-    for values, names in ((segments, tuple(SEGMENTS)), (constants, CONSTANTS), (person, ("height", "weight"))):
-        missing = [n for n in names if n not in values]
-        if values and missing:
-            raise RecordingError(f"{where}: body: {', '.join(missing)} missing")
-    for name in ("sex", "table"):
+        stated["segments"] |= _segments_of_file(sheet, source(sheet.file), where)
+    if len(given := [form for form, values in stated.items() if values]) > 1:
+        raise RecordingError(f"{where}: expected either {' or '.join(given)}, got both")
+    for form, values in stated.items():
+        if values and (missing := [n for n in FORMS[form] if n not in values]):
+            raise RecordingError(f"{where}: {', '.join(missing)} missing")
+    segments, constants, person = stated.values()
+    for name, known in (("sex", SEXES), ("table", tuple(TABLES))):
         if getattr(sheet, name) is not None and not person:
-            known = SEXES if name == "sex" else tuple(TABLES)
-            raise RecordingError(f"{where}: body.{name}: {' or '.join(known)} needs height and weight")
-    try:
+            raise RecordingError(f"{where}.{name}: {' or '.join(known)} needs height and weight")
+    with refused(ModelError, where=where.removesuffix(": body")):
         if segments:
             return Body.from_segments(**segments, g=sheet.g), _exchanged(segments)
         if constants:
@@ -88,11 +84,24 @@ def body_of(sheet: BodySheet, source: Callable[[str], Source], where: str) -> tu
             body = Body.from_person(**person, sex=sheet.sex, table=sheet.table, g=sheet.g)
             table = proportions(sheet.sex, sheet.table).source
             return body, f"body of {person['height']:g} m and {person['weight']:g} kg by {table}"
-    except ModelError as error:
-        raise RecordingError(f"{where}: {error}") from error
     if sheet.reference is None:
-        raise RecordingError(f"{where}: body: {EXPECTED}")
+        raise RecordingError(f"{where}: {EXPECTED}")
     return Body(), ""
+
+
+def _stated(sheet: BodySheet, names: Sequence[str]) -> dict[str, float]:
+    return {n: getattr(sheet, n) for n in names if getattr(sheet, n) is not None}
+
+
+def _segments_of_file(sheet: BodySheet, file: Source, where: str) -> dict[str, float]:
+    """The segments in the first row of a file."""
+    row = [float(file.pick(k).values[0]) for k in range(len(file.numbered))]
+    if len(sheet.order) != len(row) or set(sheet.order) != set(SEGMENTS):
+        raise RecordingError(
+            f"{where}.order: expected the {len(SEGMENTS)} names {', '.join(SEGMENTS)} in the order of the "
+            f"{len(row)} columns of {sheet.file}"
+        )
+    return dict(zip(sheet.order, row, strict=True))
 
 
 def _exchanged(segments: dict[str, float]) -> str:

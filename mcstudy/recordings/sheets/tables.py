@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mcstudy.errors import RecordingError
 from mcstudy.files.plain_errors import one_line
+from mcstudy.recordings.refusals import require_known
 from mcstudy.stance.body import STIMULI
 
 
@@ -33,6 +34,5 @@ def described(kind: type[D], content: Mapping[str, Any], where: str) -> D:
         sheet = kind.model_validate(content)
     except ValidationError as error:
         raise RecordingError(f"{where}: {one_line(error, kind)}") from error
-    if sheet.stimulus not in STIMULI:
-        raise RecordingError(f"{where}: stimulus: expected one of {', '.join(STIMULI)}, got {sheet.stimulus!r}")
+    require_known(sheet.stimulus, STIMULI, f"{where}: stimulus")
     return sheet

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mcstudy.fitting.penalised import Data, Fitted
+from mcstudy.fitting.penalised import Fitted
+from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.detection import standardised
 from mcstudy.gap.verdict import added_name

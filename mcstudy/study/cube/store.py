@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
+from enum import Enum
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -46,6 +47,14 @@ T = TypeVar("T")
 
 WRITERS = 16
 """Number of threads that wait for the disk."""
+
+
+class ChunkState(Enum):
+    """What is on disk of a chunk."""
+
+    BROKEN = "a part is missing or damaged, or is not the one whose checksum is stored: all its fits count as pending"
+    WHOLE = "every part is intact, but no checksums are stored: a kill came before that step, or the cube is older"
+    NOTED = "every part is intact and the one whose checksum is stored"
 
 
 class GroupStore:
@@ -138,29 +147,29 @@ class GroupStore:
         durable.write(self.note_file(chunk), content)
         sync_folder(self.note_file(chunk).parent)
 
-    def complete(self, chunk: Chunk) -> bool:
-        """Whether every array of a chunk is intact and, if checksums are stored, matches them."""
-        sums = []
-        for name in self.layout.results:
-            crc = self.seal(name, chunk)
-            if crc is None:
-                return False
-            sums.append(crc)
+    def state(self, chunk: Chunk) -> ChunkState:
+        """What is on disk of a chunk; reads every byte of it."""
+        sums = [self.seal(name, chunk) for name in self.layout.results]
+        if None in sums:
+            return ChunkState.BROKEN
+        if not self.annotated(chunk):
+            return ChunkState.WHOLE
         try:
-            said = real_bytes(self.note_file(chunk), LARGEST_NOTE) if self.annotated(chunk) else None
+            said = real_bytes(self.note_file(chunk), LARGEST_NOTE)
         except (OSError, StoreError):
-            return False
-        return said is None or said == self._note(chunk, sums, environments_of(said))
+            return ChunkState.BROKEN
+        noted = said == self._note(chunk, [crc for crc in sums if crc is not None], environments_of(said))
+        return ChunkState.NOTED if noted else ChunkState.BROKEN
 
     def status(self, chunk: Chunk) -> np.ndarray | None:
         """Status of every fit of a chunk, None when it is not whole: a quick look, which reads little of a large cube.
 
         Of the other arrays only the ends of the files are compared with the stored checksums, which finds missing,
-        swapped and truncated files; `complete` reads every byte.
+        swapped and truncated files; `state` reads every byte.
         """
         try:
             if not self.annotated(chunk):
-                return self.read("status", chunk) if self.complete(chunk) else None
+                return None if self.state(chunk) is ChunkState.BROKEN else self.read("status", chunk)
             said = noted(real_bytes(self.note_file(chunk), LARGEST_NOTE), self.fingerprint, self.files(chunk))
             ends = (checksum(real_end(self.chunk_file(name, chunk), 4)) for name in self.layout.results)
             return self.read("status", chunk) if tuple(ends) == tuple(said.values()) else None
@@ -169,7 +178,7 @@ class GroupStore:
 
     def consistent(self, chunk: Chunk) -> bool:
         """Whether a chunk is intact and holds an estimate exactly where its status says so."""
-        if not self.complete(chunk):
+        if self.state(chunk) is ChunkState.BROKEN:
             return False
         usable = np.isin(self.read("status", chunk), USABLE)
         estimated = np.isfinite(self.read("estimate", chunk)).all(axis=-1)
@@ -177,23 +186,23 @@ class GroupStore:
 
     def pending(self, chunk: Chunk) -> int:
         """Number of fits of a chunk still to run; all of them when any part of it is missing or damaged."""
-        if not self.complete(chunk):
+        if self.state(chunk) is ChunkState.BROKEN:
             return self.layout.fits(chunk)
         return int(np.count_nonzero(self.read("status", chunk) == Status.PENDING))
 
     def existing(self, chunk: Chunk) -> ChunkData:
         """Present content of a chunk, or all fill values when any part of it is missing or damaged."""
-        return self.held(chunk) if self.complete(chunk) else self.layout.empty(chunk)
+        return self.layout.empty(chunk) if self.state(chunk) is ChunkState.BROKEN else self.held(chunk)
 
     def taken_up(self, chunk: Chunk) -> ChunkData:
         """Like `existing`, for a chunk that will be written again: damaged content is removed first.
 
         Otherwise a kill between two arrays could leave an old status together with unfinished new arrays.
         """
-        if self.complete(chunk):
-            return self.held(chunk)
-        self.forget(chunk)
-        return self.layout.empty(chunk)
+        if self.state(chunk) is ChunkState.BROKEN:
+            self.forget(chunk)
+            return self.layout.empty(chunk)
+        return self.held(chunk)
 
     def held(self, chunk: Chunk) -> ChunkData:
         """Every array of a chunk as it is on disk."""

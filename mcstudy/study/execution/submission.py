@@ -15,7 +15,7 @@ import math
 import queue
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -98,6 +98,28 @@ class Block:
 
 
 @dataclass
+class _History:
+    """What has happened to a block: how often it was submitted, failed and ran out of time, and what came of it."""
+
+    attempts: int = 0
+    failures: int = 0
+    timeouts: int = 0
+    doubtful: bool = False
+    given_up: bool = False
+
+
+@dataclass(frozen=True)
+class Run:
+    """One call of `run_study`: its name, who stops it, and where it tells what happens."""
+
+    id: str
+    stop: threading.Event
+    log: RunLog
+    progress: Progress
+    outcome: Outcome
+
+
+@dataclass
 class _Flight:
     """A submitted block: when it last started, on which worker, and how often."""
 
@@ -111,41 +133,29 @@ class _Flight:
 class Submission:
     """Runs blocks of a cube with a Dask client; see the module."""
 
-    def __init__(
-        self,
-        cube: Cube,
-        client: Client,
-        options: ClusterOptions,
-        stop: threading.Event,
-        run: str,
-        log: RunLog,
-        progress: Progress,
-        outcome: Outcome,
-    ) -> None:
-        self.cube, self.client, self.options, self.stop, self.id = cube, client, options, stop, run
-        self.log, self.progress, self.outcome = log, progress, outcome
+    def __init__(self, cube: Cube, client: Client, options: ClusterOptions, run: Run) -> None:
+        self.cube, self.client, self.options, self.id = cube, client, options, run.id
+        self.stop, self.log, self.progress, self.outcome = run.stop, run.log, run.progress, run.outcome
         self.study = cube.study.to_json()
         self.started: queue.SimpleQueue[dict[str, str]] = queue.SimpleQueue()
-        self.window = Window[_Flight](client, progress.say, self._interrupted)
+        self.window = Window[_Flight](client, run.progress.say, self._interrupted)
         self.waiting: deque[Block] = deque()
         self.suspects: deque[Block] = deque()
-        self.attempts: Counter[Block] = Counter()
-        self.failures: Counter[Block] = Counter()
-        self.timeouts: Counter[Block] = Counter()
+        self.history: defaultdict[Block, _History] = defaultdict(_History)
         self.lost_threads: Counter[str] = Counter()
-        self.doubtful: list[Block] = []
-        self.given_up: set[Block] = set()
         self.warned: set[str] = set()
         self.trusted = Trusted(environment.environment(), environment.label(cube.attributes["environment"]))
         self.refused: set[str] = set()
-        client.subscribe_topic(topic(run), lambda event: self.started.put(event[1]))
+        client.subscribe_topic(topic(run.id), lambda event: self.started.put(event[1]))
 
     def run(self, blocks: deque[Block]) -> list[Block]:
         """Submit and collect until all blocks are done; raises `Interrupted` when stopped.
 
         Returns the blocks that more than one worker may have run; their files must be checked again.
         """
-        self.waiting, self.doubtful = blocks, []
+        self.waiting = blocks
+        for past in self.history.values():
+            past.doubtful = False
         while (self.waiting or self.window.running or self.suspects) and not self.stop.is_set():
             while self.waiting and self.window.has_room():
                 self._submit(self.waiting.popleft())
@@ -160,7 +170,7 @@ class Submission:
         self.progress.show(last=True)
         if self.stop.is_set():
             raise self._interrupted("stopped")
-        return [block for block in dict.fromkeys(self.doubtful) if block not in self.given_up]
+        return [block for block, past in self.history.items() if past.doubtful and not past.given_up]
 
     def _interrupted(self, why: str) -> Interrupted:
         left = self.progress.total - self.progress.done
@@ -170,15 +180,15 @@ class Submission:
     def _submit(self, block: Block, alone: bool = False) -> None:
         depth = self.cube.depths[block.group]
         task = Task(self.id, str(self.cube.path), self.study, block.group, depth, block.chunks)
-        self.attempts[block] += 1
-        first = block.chunks[0]
-        key = f"mcstudy-{self.id}-{block.group}-{first.amplitude}.{first.block}-{self.attempts[block]}"
+        self.history[block].attempts += 1
+        first, attempts = block.chunks[0], self.history[block].attempts
+        key = f"mcstudy-{self.id}-{block.group}-{first.amplitude}.{first.block}-{attempts}"
         self.window.submit(_Flight(block, alone), attempt, task, key, self.trusted, key=key)
 
     def _collect(self, flight: _Flight, future: Future) -> None:
         block = flight.block
-        if flight.starts > 1 or self.attempts[block] > 1:
-            self.doubtful.append(block)
+        past = self.history[block]
+        past.doubtful |= flight.starts > 1 or past.attempts > 1
         try:
             result = self.window.result(future)
         except Interrupted:
@@ -203,7 +213,7 @@ class Submission:
     def _done(self, block: Block, report: TaskReport, place: dict[str, Any]) -> None:
         store = self.cube.groups[block.group]
         if report.complete and not all(store.annotated(chunk) for chunk in block.chunks):
-            self.doubtful.append(block)  # its worker writes elsewhere, or a shared file system shows it later
+            self.history[block].doubtful = True  # its worker writes elsewhere, or a shared file system shows it later
         counts = self._counts(block, report)
         failed = sum(n for status, n in counts.items() if Status(status).failed)
         self.outcome.fits += counts.total() - counts[Status.NOT_NEEDED]
@@ -263,8 +273,9 @@ class Submission:
         return report.counts
 
     def _failed(self, block: Block, failure: Failure) -> None:
-        self.failures[block] += 1
-        self.log.add("block_failed", group=block.group, attempt=self.failures[block], reason=failure.reason)
+        past = self.history[block]
+        past.failures += 1
+        self.log.add("block_failed", group=block.group, attempt=past.failures, reason=failure.reason)
         if failure.disk is not None:
             # The disk has failed, not the block: other blocks would fail too.
             self.stop.set()
@@ -272,13 +283,13 @@ class Submission:
                 f"{self.cube.path}: expected a store that can be written ({failure.disk}); "
                 "run the same command again to resume"
             )
-        if self.failures[block] < ATTEMPTS:
+        if past.failures < ATTEMPTS:
             self.waiting.append(block)
         else:
             self._give_up(block, f"after {ATTEMPTS} attempts", failure.reason)
 
     def _give_up(self, block: Block, when: str, reason: str) -> None:
-        self.given_up.add(block)
+        self.history[block].given_up = True
         self.outcome.failed_blocks.append(f"{block}: {reason}")
         self.log.add("block_given_up", group=block.group, reason=reason)
         self.progress.say(f"block given up {when}: {block}: {reason}")
@@ -312,18 +323,19 @@ class Submission:
                 self._hung(flight, limit)
 
     def _take_away(self, future: Future) -> None:
-        self.doubtful.append(self.window.take_back(future).block)
+        self.history[self.window.take_back(future).block].doubtful = True
 
     def _hung(self, flight: _Flight, limit: float) -> None:
         block, reason = flight.block, f"ran longer than {limit:g} s"
-        self.timeouts[block] += 1
-        self.log.add("block_timeout", group=block.group, attempt=self.timeouts[block], reason=reason)
+        past = self.history[block]
+        past.timeouts += 1
+        self.log.add("block_timeout", group=block.group, attempt=past.timeouts, reason=reason)
         if self.options.here:
             self.lost_threads[flight.worker] += 1
             replace_thread(self.client, flight.worker, self.lost_threads[flight.worker])
         else:
             restart_worker(self.client, flight.worker)
-        if self.timeouts[block] < TIMED_OUT:
+        if past.timeouts < TIMED_OUT:
             self.suspects.append(block)  # at the end, so that a hang delays the other blocks least
         else:
             self._give_up(block, f"after {TIMED_OUT} attempts", reason)

@@ -1,0 +1,1 @@
+"""Models as data: what a file declares, what ships under a name, and their checks."""

@@ -1,0 +1,362 @@
+"""A model as a table of a file: what a user writes, its checks, and the same as `mcstudy.stance.feedback.Model`.
+
+The table holds names and numbers only. Numbers may be arithmetic of the model's constants (``"m*g*h"``), filters
+polynomials of s and of parameters (``"1 + tau*s"``).
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+from collections.abc import Collection, Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, StringConstraints, field_validator
+
+from mcstudy.errors import DesignError, InputError, ModelError
+from mcstudy.expressions import Expression, expression
+from mcstudy.files.sections import Section
+from mcstudy.stance.body import DELAY_MARGIN
+from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
+from mcstudy.stance.polynomials import pieces, written
+
+Symbol = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
+"""A name that arithmetic can hold."""
+
+Words = Annotated[str, StringConstraints(max_length=200)]
+Number = float | Annotated[str, StringConstraints(max_length=4000)]
+"""A number, or arithmetic of the model's constants."""
+
+RESERVED = ("s", "pi", "sqrt", "exp", "log", "stimulus")
+
+MOST = Field(max_length=1000)
+
+
+def _listed(given: Any) -> Any:
+    """A single name as a list of one."""
+    return (given,) if isinstance(given, str) else tuple(given) if isinstance(given, list) else given
+
+
+class ParameterTable(Section):
+    """An unknown of the model: its true value, and bounds of the fit.
+
+    Without bounds they are 0 and twice the value, and of a delay the value plus and minus 30 ms.
+    """
+
+    name: Symbol
+    unit: Words = ""
+    value: Number
+    lower: Number | None = None
+    upper: Number | None = None
+    meaning: Words = ""
+
+
+class TermTable(Section):
+    """A torque that is proportional to a signal: coefficient, gains, s^order, delays and filters times what is sensed.
+
+    In the balance of a ``joint``, the sum of the terms that sense joints equals the sum of those that sense the
+    stimulus. ``sense``: a joint, ``stimulus``, or a sum such as ``ankle + hip``; the joint itself when left out.
+    """
+
+    joint: Symbol | None = None
+    sense: Words | None = None
+    gain: Annotated[tuple[Symbol, ...], MOST] = ()
+    order: int = 0
+    delay: Annotated[tuple[Symbol, ...], MOST] = ()
+    filter: Annotated[tuple[Symbol, ...], MOST] = ()
+    coefficient: Number = 1.0
+    noisy: bool = False
+
+    _lists = field_validator("gain", "delay", "filter", mode="before")(_listed)
+
+
+class FilterTable(Section):
+    """A ratio of two polynomials of s, whose coefficients hold parameters and constants."""
+
+    name: Symbol
+    numerator: Number = 1.0
+    denominator: Number = 1.0
+
+
+class ModelTable(Section):
+    """A closed loop of one or two joints, as a file declares it.
+
+    ``angles``: names of the joint angles where they are not those of the joints. ``sensor_filter``: filter between the
+    true and the measured angle, by joint. ``provenance``: where the true values come from.
+    """
+
+    name: Symbol | None = None
+    description: str = ""
+    joints: Annotated[tuple[Symbol, ...], MOST] = ()
+    angles: Annotated[tuple[Symbol, ...], MOST] = ()
+    unit: Words = "rad"
+    stimulus_unit: Words = "N m"
+    provenance: Annotated[str, StringConstraints(max_length=2000)] = ""
+    constants: dict[Symbol, Number] = Field(default={}, max_length=1000)
+    parameter: Annotated[tuple[ParameterTable, ...], MOST] = ()
+    term: Annotated[tuple[TermTable, ...], MOST] = ()
+    filter: Annotated[tuple[FilterTable, ...], MOST] = ()
+    sensor_filter: dict[Symbol, Symbol] = Field(default={})
+
+    def values(self) -> dict[str, float]:
+        """The constants as numbers."""
+        return resolved(self.constants)
+
+    def model(self) -> Model:
+        """The model; `DesignError`, one line that starts with the field, for the first mistake."""
+        _check_names(self)
+        known = self.values()
+        names = {p.name for p in self.parameter}
+        delays = {name for t in self.term for name in t.delay}
+        rows, angles = self._axes()
+        joints = dict(zip(self.joints, angles[: len(self.joints)], strict=True))
+        parameters = tuple(_parameter(p, known, p.name in delays) for p in self.parameter)
+        filters = tuple(self._filter(f, known, names) for f in self.filter)
+        terms = tuple(self._term(t, f"term.{i}", known, names, joints) for i, t in enumerate(self.term))
+        for joint, name in self.sensor_filter.items():
+            _known(joint, self.joints, f"sensor_filter.{joint}")
+            _known(name, [f.name for f in filters], f"sensor_filter.{joint}")
+        measured = [self.sensor_filter.get(joint) for joint in self.joints]
+        self._check_used(terms, filters)
+        try:
+            return Model(
+                self.name or "model",
+                parameters,
+                terms,
+                filters,
+                (measured[0], measured[1] if len(measured) > 1 else None),
+                rows,
+                angles,
+                self.stimulus_unit,
+                self.provenance,
+                unit=self.unit,
+            )
+        except ModelError as error:
+            raise DesignError(str(error)) from None
+
+    def _axes(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        if not self.joints:
+            raise DesignError("joints: missing, expected the names of one or two joints")
+        if len(self.joints) > 2:
+            raise DesignError(f"joints: expected one or two names, got {len(self.joints)}")
+        angles = self.angles or self.joints
+        if len(angles) != len(self.joints):
+            raise DesignError(f"angles: expected one name for each of {len(self.joints)} joints, got {len(angles)}")
+        return tuple(reversed(self.joints)), angles
+
+    def _filter(self, table: FilterTable, known: Mapping[str, float], names: set[str]) -> Filter:
+        sides, orders = [], []
+        for side in ("numerator", "denominator"):
+            where = f"filter.{table.name}.{side}"
+            try:
+                polynomial = pieces(getattr(table, side), known)
+            except ModelError as error:
+                raise DesignError(f"{where}: {error}") from None
+            for _, _, powers in polynomial:
+                for name, _ in powers:
+                    _known(name, [*names, *known], where)
+            sides.append(tuple(Monomial(*piece) for piece in polynomial))
+            orders.append([order for _, order, _ in polynomial])
+        if min(map(min, orders)) < 0:
+            raise DesignError(f"filter.{table.name}: expected powers of s of at least 0 above and below")
+        if max(orders[0]) > max(orders[1]):
+            raise DesignError(
+                f"filter.{table.name}.numerator: expected at most the power of s of the denominator, s^{max(orders[1])}"
+                f" (a proper filter), got s^{max(orders[0])}"
+            )
+        return Filter(table.name, sides[0], sides[1])
+
+    def _term(
+        self, t: TermTable, where: str, known: Mapping[str, float], names: set[str], joints: Mapping[str, str]
+    ) -> Term:
+        if t.joint is None and len(self.joints) > 1:
+            raise DesignError(f"{where}.joint: missing, expected one of {', '.join(self.joints)}")
+        joint = t.joint or self.joints[0]
+        _known(joint, self.joints, f"{where}.joint")
+        for field, most, wanted in (
+            ("gain", 2, names),
+            ("delay", 2, names),
+            ("filter", 4, {f.name for f in self.filter}),
+        ):
+            given = getattr(t, field)
+            what = "the name of a filter" if field == "filter" else "the name of a parameter"
+            for name in given:
+                if name not in wanted:
+                    raise DesignError(
+                        f"{where}.{field}: expected {what}, one of {', '.join(sorted(wanted))}, got {name!r}"
+                    )
+            if len(given) > most:
+                raise DesignError(f"{where}.{field}: expected at most {most} names, got {len(given)}")
+        if t.order not in (-1, 0, 1, 2):
+            raise DesignError(f"{where}.order: expected -1 (integral), 0, 1 (rate) or 2 (acceleration), got {t.order}")
+        sense = self._sense(t.sense or joint, joints, f"{where}.sense")
+        coefficient = number(t.coefficient, known, f"{where}.coefficient")
+        delay, late = (*t.delay, None, None)[:2]
+        return Term(joint, sense, t.gain, t.order, delay, t.filter, coefficient, t.noisy, 0, late)
+
+    def _sense(self, sense: str, joints: Mapping[str, str], where: str) -> str:
+        """What a term senses, by the names of angles; joints stand for their angles."""
+        if sense == "stimulus" or sense in joints.values():
+            return sense
+        text = re.sub(r"[A-Za-z_]\w*", lambda m: joints.get(m.group(), m.group()), sense)
+        try:
+            expression(text, joints.values(), "sum", " + ".join(self.joints))
+        except InputError:
+            known = ", ".join(dict.fromkeys([*self.joints, *joints.values()]))
+            raise DesignError(f"{where}: expected stimulus, {known}, or a sum of joints, got {sense!r}") from None
+        return text
+
+    def _check_used(self, terms: tuple[Term, ...], filters: tuple[Filter, ...]) -> None:
+        through = {f for t in terms for f in t.filters} | set(self.sensor_filter.values())
+        used = {name for t in terms for name in (*t.gain, *t.all_delays)}
+        for f in filters:
+            if f.name not in through:
+                raise DesignError(
+                    f"filter.{f.name}: expected a filter that a term passes through, got one that none does"
+                )
+            used |= {name for m in (*f.numerator, *f.denominator) for name, _ in m.powers}
+        for p in self.parameter:
+            if p.name not in used:
+                raise DesignError(f"parameter.{p.name}: expected a parameter that a term holds, got one that none does")
+        if not self.parameter:
+            raise DesignError("parameter: missing, expected at least one table [[model.parameter]]")
+        if not any(t.sense == "stimulus" for t in terms):
+            raise DesignError("term: expected one that senses the stimulus, got none")
+        for joint in self.joints:
+            if not any(t.row == joint for t in terms):
+                raise DesignError(f"joints: expected terms in the balance of every joint, got none for {joint}")
+
+    @classmethod
+    def of(cls, model: Model) -> ModelTable:
+        """The table of a model, with numbers for all arithmetic. Raises `ModelError` for a set of several stimuli."""
+        return cls(**table_of(model))
+
+
+def resolved(constants: Mapping[str, Number]) -> dict[str, float]:
+    """Values of constants that may hold each other; `DesignError` for a cycle or an unknown name."""
+    values: dict[str, float] = {}
+    waiting = dict(constants)
+    formulas = {}
+    for name, given in constants.items():
+        try:
+            formulas[name] = _arithmetic(given, constants)
+        except InputError as error:
+            raise DesignError(f"constants.{name}: {error}") from None
+    while waiting:
+        ready = [n for n in waiting if formulas[n].names <= values.keys() | {"pi"}]
+        if not ready:
+            raise DesignError(f"constants.{next(iter(waiting))}: expected no cycle, got one of {', '.join(waiting)}")
+        for name in ready:
+            values[name] = number(waiting.pop(name), values, f"constants.{name}")
+    return values
+
+
+def number(given: Number, known: Mapping[str, float], where: str) -> float:
+    """The value of a number or of arithmetic of known constants; `DesignError` for what has none."""
+    try:
+        value = _arithmetic(given, known)({"pi": np.pi, **known})
+    except InputError as error:
+        raise DesignError(f"{where}: {error}") from None
+    if not np.isfinite(value):
+        raise DesignError(f"{where}: expected a finite number, got {given!r} = {value}")
+    return float(value)
+
+
+def _arithmetic(given: Number, known: Collection[str]) -> Expression:
+    text = given if isinstance(given, str) else repr(float(given))
+    return expression(text, [*known, "pi"], "number", "m*g*h")
+
+
+def _parameter(table: ParameterTable, known: Mapping[str, float], delay: bool) -> Parameter:
+    where = f"parameter.{table.name}"
+    value = number(table.value, known, f"{where}.value")
+    usual = (value - DELAY_MARGIN, value + DELAY_MARGIN) if delay else sorted((0.0, 2.0 * value))
+    low, high = (
+        given if given is None else number(given, known, f"{where}.{name}")
+        for name, given in (("lower", table.lower), ("upper", table.upper))
+    )
+    low, high = usual[0] if low is None else low, usual[1] if high is None else high
+    if not low < high:
+        raise DesignError(f"{where}.lower: expected less than upper, got {low:g} and {high:g}")
+    if not low <= value <= high:
+        raise DesignError(f"{where}.value: expected a value inside its bounds {low:g} to {high:g}, got {value:g}")
+    if delay and low < 0:
+        raise DesignError(f"{where}.lower: expected a delay of at least 0 s, got {low:g}")
+    return Parameter(table.name, table.unit, value, low, high, table.meaning)
+
+
+def _known(name: str, among: Collection[str], where: str) -> None:
+    if name not in among:
+        near = difflib.get_close_matches(name, among, n=1)
+        hint = f" (similar: {near[0]})" if near else ""
+        raise DesignError(f"{where}: expected one of {', '.join(among)}, got {name!r}{hint}")
+
+
+def _check_names(table: ModelTable) -> None:
+    """Raise `DesignError` for a name that stands for two things."""
+    taken: dict[str, str] = dict.fromkeys(RESERVED, "a word of the grammar")
+    for what, names in (
+        ("joint", table.joints),
+        ("constant", table.constants),
+        ("parameter", [p.name for p in table.parameter]),
+        ("filter", [f.name for f in table.filter]),
+    ):
+        for name in names:
+            if name in taken:
+                raise DesignError(f"{what}.{name}: expected a name of its own, got one that is {taken[name]}, too")
+            taken[name] = f"a {what}"
+    for angle in table.angles:
+        if table.angles.count(angle) > 1 or (angle in taken and angle not in table.joints):
+            raise DesignError(f"angles: expected names of their own, got {angle!r} twice")
+
+
+def table_of(model: Model) -> dict[str, Any]:
+    """The plain table of a model, without what has its default."""
+    if model.blocks:
+        raise ModelError(f"model {model.name}: expected a single stimulus, got {len(model.blocks)}")
+    n = model.n_angles
+    joints, angles = tuple(reversed(model.rows))[:n], model.angles[:n]
+    sums = {(1.0, 1.0, 0.0): " + ".join(angles)}
+    own = angles[0] if n == 1 else ""
+
+    def term(t: Term) -> dict[str, Any]:
+        named = t.sense in (*angles, "stimulus")
+        sense = t.sense if named else sums.get(model.senses[t.sense], t.sense)
+        return {
+            "joint": None if n == 1 else t.row,
+            "sense": None if sense == own else sense,
+            "gain": t.gain,
+            "order": t.order,
+            "delay": t.all_delays,
+            "filter": t.filters,
+            "coefficient": float(t.coefficient),
+            "noisy": t.noisy,
+        }
+
+    def polynomial(monomials: tuple[Monomial, ...]) -> str:
+        return written(tuple((m.coefficient, m.order, m.powers) for m in monomials))
+
+    whole = {
+        "name": model.name,
+        "joints": joints,
+        "angles": () if angles == joints else angles,
+        "unit": model.unit,
+        "stimulus_unit": model.stimulus_unit,
+        "provenance": model.provenance,
+        "parameter": [
+            {"name": p.name, "unit": p.unit, "value": p.value, "lower": p.lower, "upper": p.upper, "meaning": p.meaning}
+            for p in model.parameters
+        ],
+        "term": [term(t) for t in model.terms],
+        "filter": [
+            {"name": f.name, "numerator": polynomial(f.numerator), "denominator": polynomial(f.denominator)}
+            for f in model.filters
+        ],
+        "sensor_filter": {j: f for j, f in zip(joints, model.output_filters, strict=False) if f is not None},
+    }
+    plain: dict[str, Any] = ModelTable.model_validate_json(json.dumps(whole)).model_dump(
+        mode="json", exclude_defaults=True
+    )
+    return plain

@@ -7,8 +7,9 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
 
-from mcstudy.report.axes import axes, log_axis
+from mcstudy.report.axes import axes, log_axis, picture
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
 from mcstudy.report.html import code, paragraphs, table, tiles
@@ -144,3 +145,13 @@ def cv_bars(design: StimulusDesignRecord, cv: np.ndarray, ax: Axes | None = None
     ax.set_xlabel("CV (%)")
     log_axis(ax.xaxis)
     return ax
+
+
+def design_picture(design: StimulusDesignRecord) -> Picture:
+    """Spectra, and coefficients of variation: of bounded fits where the design was verified, else as predicted."""
+    fits = design.spreads_at_fmax if design.spreads else None
+    cv, title = (
+        (design.cv, "predicted CV, no bounds") if fits is None else (fits.cv, f"CV of fits up to {fits.fmax:g} Hz")
+    )
+    drawings = [partial(spectrum, design), partial(cv_bars, design, cv, title=title)]
+    return picture(drawings, f"{design.designed.file.design.name}. Grey: sequence. Orange: design.")

@@ -378,9 +378,7 @@ class Model:
         self._check_names(values)
         parameters = tuple(replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
         replaced = [p.name for p in self.parameters if values.get(p.name, p.value) != p.value]
-        return replace(
-            self, parameters=parameters, provenance=with_replaced(self.provenance, replaced, self.names)
-        )
+        return replace(self, parameters=parameters, provenance=with_replaced(self.provenance, replaced, self.names))
 
     def with_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> Model:
         """This model with other bounds; raises `ModelError` on an unknown name or a value left outside."""

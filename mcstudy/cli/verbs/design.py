@@ -19,18 +19,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-verify", action="store_true", help="only predict: leave out the Monte Carlo study of design and sequence"
     )
-    parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw spectra and errors before and after")
+    parser.add_argument(
+        "--figure", type=Path, metavar="FILE", help="also draw spectra and errors before and after (.svg, .png or .pdf)"
+    )
     parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
     add_scheduler_arguments(parser)
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Design, verify and print the tables; returns the exit code."""
-    from mcstudy.cli.figure_file import check_figure, write_figure
+    from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
     from mcstudy.errors import DesignError
     from mcstudy.stimulus_design.design_file import read_design
 
-    check_figure(args.figure)
+    check_figure(args.figure, DRAWN)
     if args.html is not None:
         from mcstudy.report.style import require_matplotlib
 
@@ -47,9 +49,9 @@ def main(args: argparse.Namespace) -> Exit:
 
     design = StimulusDesign.of(record)
     if args.figure is not None:
-        from mcstudy.report.stimulus_design import stimulus_design_svg
+        from mcstudy.report.design_page import design_picture
 
-        write_figure(stimulus_design_svg(design), args.figure)
+        write_figure(design_picture(design), args.figure)
     if args.html is not None:
         from mcstudy.report.design_page import design_page
         from mcstudy.report.document import write_page

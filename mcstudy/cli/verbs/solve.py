@@ -63,16 +63,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", "--output", dest="out", type=Path, metavar="FILE", help="write the study (.toml)"
     )
     parser.add_argument("--json", action="store_true", help="print JSON (schema solution)")
-    parser.add_argument("--figure", type=Path, metavar="SVG", help="also draw the measures against the design")
+    parser.add_argument(
+        "--figure", type=Path, metavar="FILE", help="also draw the measures against the design (.svg, .png or .pdf)"
+    )
     parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
     parser.set_defaults(allow_unstable=False)
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Search, print and write; returns the exit code."""
-    from mcstudy.cli.figure_file import check_figure, write_figure
+    from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
 
-    check_figure(args.figure)
+    check_figure(args.figure, DRAWN)
     if args.html is not None:
         from mcstudy.report.style import require_matplotlib
 
@@ -101,9 +103,9 @@ def main(args: argparse.Namespace) -> Exit:
 
     found = Solution.of(record)
     if args.figure is not None:
-        from mcstudy.report.solution import solution_svg
+        from mcstudy.report.solution_page import solution_picture
 
-        write_figure(solution_svg(found), args.figure)
+        write_figure(solution_picture(found), args.figure)
     if args.html is not None:
         from mcstudy.report.document import write_page
         from mcstudy.report.solution_page import solution_page

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from markupsafe import Markup
@@ -53,6 +54,15 @@ class Figure:
     python: str = ""
     small: bool = False
     legend: Sequence[tuple[str, str]] = field(default_factory=tuple)
+
+
+def by_angle(data: object, angles: Iterable[tuple[int, str]], **drawings: Callable[..., object]) -> list[Panel]:
+    """Panels of ``data`` for every angle (its number and name), of ``drawings`` by the word for what they show."""
+    return [
+        Panel(f"{what} of {name}", partial(drawing, data, k))
+        for k, name in angles
+        for what, drawing in drawings.items()
+    ]
 
 
 def of_part(shown: Figure, k: int, label: str, owner: str) -> Figure:

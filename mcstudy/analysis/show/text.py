@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from mcstudy.analysis.measures import MEASURES
@@ -162,10 +163,11 @@ def _group(name: str, group: dict[str, Any]) -> str:
         head += "\n" + fill(note, "    ")
     parts = [head, _overview(d, group["cells"])]
     if d["simulator"] != "none":  # without noise and averaging every bias is rounding
-        parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]
-        parts += [found for f in d["fmax"] if (found := _on_bounds(d, group["cells"], f))]
-        parts += [found for f in d["fmax"] if (found := _standard_errors(d, group["cells"], f))]
-    return "\n\n".join(parts)
+        by_fmax = [[c for c in group["cells"] if c["fmax"] == f] for f in d["fmax"]]
+        parts += [_parameters(d, here) for here in by_fmax]
+        parts += [_on_bounds(d, here) for here in by_fmax]
+        parts += [_standard_errors(d, here) for here in by_fmax]
+    return "\n\n".join(filter(None, parts))
 
 
 def _count(value: float | None) -> str:
@@ -211,59 +213,76 @@ def _columns(statistic: CellStatistic, entry: dict[str, Any]) -> list[str]:
     return [text, *[number(_scaled(entry.get("floor"), statistic.factor), 2)] * statistic.floor]
 
 
-def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
-    here = [c for c in cells if c["fmax"] == fmax]
-    efficient = any(_efficiency(p) != "-" for c in here for p in c["parameters"])
-    header = [f"{fmax:g} Hz", "truth"]
-    for c in here:
-        a = f"{c['amplitude']:g} {design['amplitude_unit']}"
-        header += [f"bias % ({a})", "CV", "on bound %"] + ["efficiency"] * efficient
-    rows = []
-    for i, first in enumerate(here[0]["parameters"]):
-        line = [first["name"], f"{number(first['truth'])} {first['unit']}"]
-        for c in here:
-            p = c["parameters"][i]
-            scale = 100 / abs(p["truth"]) if p["truth"] else None
-            bias = [None if scale is None or p["bias"][k] is None else scale * p["bias"][k] for k in ("value", "mcse")]
-            bounds = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
-            on = number(100 * sum(bounds), 2) if bounds and None not in bounds else "-"
-            line += [with_error(*bias), with_error(p["cv"]["value"], p["cv"]["mcse"]), on]
-            line += [_efficiency(p)] * efficient
-        rows.append(line)
+Columns = Callable[[dict[str, Any]], list[str]]
+"""The cells of one parameter at one amplitude."""
+
+
+def _by_parameter(
+    design: dict[str, Any],
+    here: list[dict[str, Any]],
+    heads: Sequence[str],
+    wanted: Callable[[dict[str, Any]], bool],
+    columns: Columns,
+    truth: bool = False,
+) -> str:
+    """Rows of the parameters that are ``wanted`` at some amplitude, ``columns`` of each; empty without any.
+
+    ``heads``: of the columns; the first names the amplitude. ``truth``: whether a column gives the true values.
+    """
+    rows = [
+        [first["name"], *[f"{number(first['truth'])} {first['unit']}"] * truth, *(x for p in same for x in columns(p))]
+        for same in zip(*(c["parameters"] for c in here), strict=True)
+        for first in [same[0]]
+        if any(map(wanted, same))
+    ]
+    first, *others = heads
+    repeated = [h for c in here for h in (f"{first} ({c['amplitude']:g} {design['amplitude_unit']})", *others)]
+    return table([f"{here[0]['fmax']:g} Hz", *["truth"] * truth, *repeated], rows) if rows else ""
+
+
+def _percent(p: dict[str, Any]) -> float | None:
+    """Factor from the unit of a parameter to percent of its truth."""
+    return 100 / abs(p["truth"]) if p["truth"] else None
+
+
+def _with_error(entry: dict[str, Any], scale: float | None = 1.0) -> str:
+    return with_error(*(_scaled(entry[k], scale) for k in ("value", "mcse")))
+
+
+def _share_on_bounds(p: dict[str, Any]) -> float | None:
+    """Fraction of the estimates on a bound, where it is known."""
+    bounds = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
+    return sum(bounds) if bounds and None not in bounds else None
+
+
+def _parameters(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
     said = [_efficiency(p) for c in here for p in c["parameters"]]
+    efficient = set(said) != {"-"}
+
+    def columns(p: dict[str, Any]) -> list[str]:
+        on = number(_scaled(_share_on_bounds(p), 100), 2)
+        return [_with_error(p["bias"], _percent(p)), _with_error(p["cv"]), on, *[_efficiency(p)] * efficient]
+
+    heads = ["bias %", "CV", "on bound %", *["efficiency"] * efficient]
     without, boxed, fixed = "-" in said, any(s.endswith(_BOX) for s in said), "fixed" in said
-    return table(header, rows) + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
+    shown = _by_parameter(design, here, heads, lambda _: True, columns, truth=True)
+    return shown + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
 
 
 OFTEN = 0.05
 """Fraction of estimates on a bound from which their median and quantiles are printed, too."""
 
 
-def _on_bounds(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
+def _on_bounds(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
     """Median, MAD and quantiles of the parameters whose estimates are often on a bound; empty if there are none."""
 
-    def often(p: dict[str, Any]) -> bool:
-        on = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
-        return bool(on) and None not in on and sum(on) >= OFTEN
+    def columns(p: dict[str, Any]) -> list[str]:
+        ends = [number(_scaled(p[f"quantile_{q}"]["value"], _percent(p)), 3) for q in ("05", "95")]
+        return [*(_with_error(p[key], _percent(p)) for key in ("median_bias", "mad")), " to ".join(ends)]
 
-    here = [c for c in cells if c["fmax"] == fmax]
-    wanted = [i for i in range(len(here[0]["parameters"])) if any(often(c["parameters"][i]) for c in here)]
-    if not wanted:
-        return ""
-    header = [f"{fmax:g} Hz"]
-    for c in here:
-        header += [f"median bias % ({c['amplitude']:g} {design['amplitude_unit']})", "MAD %", "5 to 95 %"]
-    rows = []
-    for i in wanted:
-        line = [here[0]["parameters"][i]["name"]]
-        for p in (c["parameters"][i] for c in here):
-            scale = 100 / abs(p["truth"]) if p["truth"] else None
-            for key in ("median_bias", "mad"):
-                line.append(with_error(*(_scaled(p[key][k], scale) for k in ("value", "mcse"))))
-            ends = [number(_scaled(p[f"quantile_{q}"]["value"], scale), 3) for q in ("05", "95")]
-            line.append(" to ".join(ends))
-        rows.append(line)
-    return table(header, rows) + (
+    heads = ["median bias %", "MAD %", "5 to 95 %"]
+    shown = _by_parameter(design, here, heads, lambda p: (_share_on_bounds(p) or 0.0) >= OFTEN, columns)
+    return shown and shown + (
         "\nEstimates on bounds: median bias and median absolute deviation (MAD), and 5th to 95th percentile, in % of "
         "the truth.\nWhere estimates pile up on two bounds, the mean lies where few are, and the SD is that of the box."
     )
@@ -273,24 +292,16 @@ def _scaled(x: float | None, scale: float | None) -> float | None:
     return None if x is None or scale is None else scale * x
 
 
-def _standard_errors(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
+def _standard_errors(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
     """How true the standard errors are; empty for a cube without them."""
-    here = [c for c in cells if c["fmax"] == fmax]
-    known = [i for i, p in enumerate(here[0]["parameters"]) if "coverage" in p]
-    if not known:
-        return ""
-    header = [f"{fmax:g} Hz"]
-    for c in here:
-        header += [f"SE off % ({c['amplitude']:g} {design['amplitude_unit']})", "holds truth %", "holds mean %", "of"]
-    rows = []
-    for i in known:
-        line = [here[0]["parameters"][i]["name"]]
-        for p in (c["parameters"][i] for c in here):
-            line.append(with_error(p["se_relative_error"]["value"], p["se_relative_error"]["mcse"]))
-            line += [share_with_ends(p[key]) for key in ("coverage", "bias_eliminated_coverage")]
-            line.append(_count(p["coverage"]["used"]))
-        rows.append(line)
-    return table(header, rows) + (
+
+    def columns(p: dict[str, Any]) -> list[str]:
+        shares = [share_with_ends(p[key]) for key in ("coverage", "bias_eliminated_coverage")]
+        return [_with_error(p["se_relative_error"]), *shares, _count(p["coverage"]["used"])]
+
+    heads = ["SE off %", "holds truth %", "holds mean %", "of"]
+    shown = _by_parameter(design, here, heads, lambda p: "coverage" in p, columns)
+    return shown and shown + (
         "\nStandard errors (SE) of the fits. SE off: their root mean square against the SD of the estimates. holds: "
         "share of\n95 % intervals, estimate ± 1.96 SE, that hold the truth or the mean estimate "
         "[95 % interval]. of: realizations\nwith a standard error; with the parameter on a bound there is none."

@@ -10,7 +10,7 @@ from mcstudy.gap.verdict import not_a_body, share_closed, shown_causes, sway
 from mcstudy.report.diagnosis import figures, outcome_figures
 from mcstudy.report.diagnosis.data import BANDS_PER_DECADE, GapData
 from mcstudy.report.diagnosis.traces import SwayTraces
-from mcstudy.report.figure import Figure, Missing, Panel
+from mcstudy.report.figure import Figure, Missing, Panel, by_angle
 from mcstudy.report.labels import with_units
 from mcstudy.report.numbers import short
 from mcstudy.text_tables import Table
@@ -45,14 +45,7 @@ def response_figures(data: GapData) -> list[Figure]:
                 f"Neighbouring lines are averaged in {BANDS_PER_DECADE} bands per decade for display only; every "
                 "statistic uses the lines. Phases of all curves of a panel are counted through full turns alike.",
             ],
-            [
-                panel
-                for k, n in angles
-                for panel in (
-                    Panel(f"gain of {n}", partial(figures.response_gain, data, k)),
-                    Panel(f"phase of {n}", partial(figures.response_phase, data, k)),
-                )
-            ],
+            by_angle(data, angles, gain=figures.response_gain, phase=figures.response_phase),
             python="diagnosis.plot.response_gain(angle=0)",
         ),
         Figure(
@@ -63,14 +56,7 @@ def response_figures(data: GapData) -> list[Figure]:
                 f"fails.{added and f'{added} Where it follows the circles, it explains the difference.'}",
                 *(t for t in (not_a_body(data.diagnosis),) if t),
             ],
-            [
-                panel
-                for k, n in angles
-                for panel in (
-                    Panel(f"gain of {n}", partial(figures.misfit_gain, data, k)),
-                    Panel(f"phase of {n}", partial(figures.misfit_phase, data, k)),
-                )
-            ],
+            by_angle(data, angles, gain=figures.misfit_gain, phase=figures.misfit_phase),
             [Table("Measured over modelled gain", header, rows, kind="rows")],
             python="diagnosis.plot.misfit_gain(angle=0)",
         ),

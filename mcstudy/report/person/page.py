@@ -10,7 +10,7 @@ from mcstudy.identification import words
 from mcstudy.identification.result import Estimate, FitResult
 from mcstudy.identification.tables import estimates, help_needed, interval, relative
 from mcstudy.report.document import document
-from mcstudy.report.figure import Figure, Panel, figures, of_part
+from mcstudy.report.figure import Figure, Panel, by_angle, figures, of_part
 from mcstudy.report.figures.pairs import WRITTEN
 from mcstudy.report.html import code, html, paragraphs, table, tiles
 from mcstudy.report.origin import recording_rows
@@ -68,12 +68,17 @@ def _introduction(fit: FitResult) -> Markup:
             (
                 e.name,
                 f"{number(e.estimate)} {e.unit}",
-                f"{interval(e)} ({_share(e)}).",
+                f"{interval(e)} ({relative(e, (e.high - e.low) / 2)}).",
                 "intervals",
             )
             for e in _best(fit)
         ),
-        ("Goodness of fit", p_words(fit.p_value), _goodness(fit), "model"),
+        (
+            "Goodness of fit",
+            p_words(fit.p_value),
+            f"squared residual {fit.chi2:.0f}, expected {fit.expected_chi2:.0f}.",
+            "model",
+        ),
     ]
     if fit.gap is not None:
         found = "a gap beyond noise" if words.gap_found(fit) else "no gap beyond noise"
@@ -95,14 +100,6 @@ def _what(fit: FitResult) -> str:
 def _best(fit: FitResult) -> list[Estimate]:
     known = [e for e in fit.estimates if e.verdict == "identifiable" and e.estimate]
     return sorted(known, key=lambda e: (e.high - e.low) / abs(e.estimate))[:TILES]
-
-
-def _share(e: Estimate) -> str:
-    return relative(e, (e.high - e.low) / 2)
-
-
-def _goodness(fit: FitResult) -> str:
-    return f"squared residual {fit.chi2:.0f}, expected {fit.expected_chi2:.0f}."
 
 
 def _intervals(fit: FitResult) -> Figure:
@@ -177,7 +174,7 @@ def _model(fit: FitResult) -> list[Figure]:
 
 
 def _frf(fit: FitResult) -> Figure:
-    shown = responses.angles(fit)
+    angles = [(k, f"θ{k + 1}") for k in responses.angles(fit)]
     return Figure(
         "frf",
         "Frequency responses",
@@ -186,14 +183,7 @@ def _frf(fit: FitResult) -> Figure:
             "measured, neighbouring lines averaged, with a 95 % noise band. Line: the fit; around it the range of all "
             "bodies that fit as well.",
         ],
-        [
-            panel
-            for k in shown
-            for panel in (
-                Panel(f"gain of θ{k + 1}", partial(responses.response_gain, fit, k)),
-                Panel(f"phase of θ{k + 1}", partial(responses.response_phase, fit, k)),
-            )
-        ],
+        by_angle(fit, angles, gain=responses.response_gain, phase=responses.response_phase),
         python="fit.plot.response_gain(angle=0)",
     )
 

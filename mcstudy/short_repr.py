@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from html import escape
 from typing import ClassVar
+
+from mcstudy.text_tables import Table
 
 
 class Summary(ABC):
@@ -25,8 +26,7 @@ class Summary(ABC):
         )
 
     def _repr_html_(self) -> str:
-        rows = "".join(f"<tr><th scope='row'>{escape(n)}</th><td>{escape(v)}</td></tr>" for n, v in self.facts())
-        return f"<table><caption>{escape(self.shown_as or type(self).__name__)}</caption><tbody>{rows}</tbody></table>"
+        return Table(self.shown_as or type(self).__name__, (), self.facts()).html()
 
 
 def shortened(text: str, most: int = 200) -> str:

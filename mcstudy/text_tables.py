@@ -12,6 +12,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
+from html import escape
 from typing import NamedTuple
 
 PROSE = 118
@@ -43,6 +44,18 @@ class Table(NamedTuple):
         """The table with its note below, and with its title above if ``titled``."""
         parts = [self.title] * titled + [table(self.header, self.rows)] + [fill(self.note)] * bool(self.note)
         return "\n".join(parts)
+
+    def html(self) -> str:
+        """Title, columns and note for a notebook."""
+        head = "".join(f"<th scope='col'>{escape(cell)}</th>" for cell in self.header)
+        body = "".join(
+            f"<tr><th scope='row'>{escape(first)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
+            for first, *cells in self.rows
+        )
+        caption = f"<caption>{escape(self.title)}</caption>" if self.title else ""
+        heads = f"<thead><tr>{head}</tr></thead>" if head else ""
+        note = f"<p>{escape(self.note)}</p>" if self.note else ""
+        return f"<table>{caption}{heads}<tbody>{body}</tbody></table>{note}"
 
 
 _folds: ContextVar[bool] = ContextVar("folds", default=True)

@@ -8,7 +8,6 @@ import sys
 
 TYPE_CHECKING = False  # as in `mcstudy`: nothing is imported before signals are caught
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Sequence
 
     from mcstudy.cli.stop import Stop
@@ -68,12 +67,13 @@ def _main(words: list[str], stop: Stop | None) -> Exit:
 
 
 def _done(words: list[str], stop: Stop | None) -> Exit:
+    from mcstudy.cli.parser import main_parser
     from mcstudy.cli.verbs import is_verb
     from mcstudy.exits import Exit
 
     if words[:1] and is_verb(words[0]):
         return _run(words[0], words[1:], stop)
-    parser = _parser()
+    parser = main_parser()
     args = parser.parse_args(words)
     if args.version:
         from mcstudy import __version__
@@ -84,53 +84,12 @@ def _done(words: list[str], stop: Stop | None) -> Exit:
     return Exit.DONE if not words else Exit.BAD_INPUT
 
 
-def _parser(whole: bool = False) -> argparse.ArgumentParser:
-    import argparse
-
-    from mcstudy.cli.verbs import module, verbs
-
-    parser = argparse.ArgumentParser(
-        prog="mcstudy",
-        description="Monte Carlo studies of parameter identification in human balance.",
-        epilog=_epilog(),
-    )
-    parser.add_argument("--version", action="store_true", help="print the version and exit")
-    below = parser.add_subparsers(dest="verb", metavar="VERB")
-    for verb, text in verbs().items():
-        sub = below.add_parser(verb, help=text, description=text, add_help=whole)
-        if whole:
-            module(verb).add_arguments(sub)
-    return parser
-
-
-def whole_parser() -> argparse.ArgumentParser:
-    """The parser of the command with the arguments of every verb."""
-    return _parser(whole=True)
-
-
-def parser_of(verb: str) -> argparse.ArgumentParser:
-    """The parser of one verb with all its arguments; the reference of the command line is made from it."""
-    import argparse
-
-    from mcstudy.cli.verbs import VERBS, module, verbs
-
-    text = VERBS.get(verb) or verbs()[verb]
-    parser = argparse.ArgumentParser(prog=f"mcstudy {verb}", description=text, epilog=_epilog())
-    module(verb).add_arguments(parser)
-    return parser
-
-
-def _epilog() -> str:
-    from mcstudy.exits import exit_codes
-
-    return f"exit codes: {exit_codes()}"
-
-
 def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     # One thread for linear algebra, set before numpy is imported. Fits run in parallel instead. Sums that are split
     # differently on another machine would differ in the last digits.
     for variable in ONE_THREAD:
         os.environ.setdefault(variable, "1")
+    from mcstudy.cli.parser import parser_of
     from mcstudy.cli.stop import stopped, unusable, with_command
     from mcstudy.cli.terminal import drop_output
     from mcstudy.cli.verbs import module
@@ -138,7 +97,10 @@ def _run(verb: str, words: Sequence[str], stop: Stop | None) -> Exit:
     from mcstudy.exits import Exit
 
     try:
-        code: Exit = module(verb).main(parser_of(verb).parse_args(_local(words)))
+        parser = parser_of(verb)
+        args = parser.parse_args(_local(words))
+        args.parser = parser  # a page shows the command that makes it
+        code: Exit = module(verb).main(args)
         return code
     except InputError as error:
         _tell(_one_line(error))

@@ -4,31 +4,22 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.api.where import Where
+    from mcstudy.cli.parser import Group, Parser
     from mcstudy.scheduler.cluster import ClusterOptions
     from mcstudy.study.design import Study
     from mcstudy.study.execution.submission import Outcome
 
 
-class NestedParser(argparse.ArgumentParser):
-    """Parser of a verb of a verb, which shows its own usage beside a word that it does not know."""
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        """As `argparse.ArgumentParser`, but no word may be left."""
-        known, left = super().parse_known_args(args, namespace)
-        if left:
-            self.error(f"unrecognized arguments: {' '.join(left)}")
-        return known, left
-
-
-def add_scheduler_arguments(parser: argparse._ActionsContainer) -> None:
+def add_scheduler_arguments(parser: Parser | Group) -> None:
     """Arguments that choose where to run."""
     parser.add_argument("--workers", type=positive, help="threads of the local scheduler; default one per core")
     parser.add_argument(
@@ -48,7 +39,7 @@ def add_scheduler_arguments(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--dashboard", action="store_true", help="serve Dask's dashboard on 127.0.0.1:8787")
 
 
-def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
+def add_cluster_arguments(parser: Parser) -> None:
     """Arguments that choose where to run, how large a block is and how long it may take."""
     add_scheduler_arguments(parser)
     parser.add_argument("--block", type=positive, help="chunks per task; default about 0.5 s of work")
@@ -60,7 +51,7 @@ def add_cluster_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_unstable_argument(parser: argparse.ArgumentParser) -> None:
+def add_unstable_argument(parser: Parser) -> None:
     """Argument that allows unstable bodies."""
     parser.add_argument(
         "--allow-unstable",
@@ -98,6 +89,11 @@ def where(args: argparse.Namespace) -> Where:
     from mcstudy.api.where import Where
 
     return Where(**{name: getattr(args, name) for name in Where.__annotations__ if hasattr(args, name)})  # type: ignore[typeddict-item]
+
+
+def shown_command(args: argparse.Namespace) -> str:
+    """The command as the page that it writes displays it: without other outputs."""
+    return shlex.join(args.parser.command(args, without=("out", "json", "figure")))
 
 
 @contextlib.contextmanager

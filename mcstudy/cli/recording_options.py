@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 from mcstudy.cli.terminal import print_json
 
 if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
     from mcstudy.recordings.frf import FrfRecording
     from mcstudy.recordings.recording import Recording
 
 
-def add_recording_arguments(parser: argparse.ArgumentParser, nargs: str = "+") -> None:
+def add_recording_arguments(parser: Parser, nargs: str = "+") -> None:
     """Which recordings, and how they are read."""
     parser.add_argument(
         "recordings",
@@ -49,7 +50,7 @@ def add_recording_arguments(parser: argparse.ArgumentParser, nargs: str = "+") -
     )
 
 
-def add_output_arguments(parser: argparse.ArgumentParser, name: str) -> None:
+def add_output_arguments(parser: Parser, name: str) -> None:
     """Where and how the outcome ``name`` is told."""
     parser.add_argument("-o", "--out", type=Path, metavar="DIR", help=f"also write {name}.json and {name}.txt")
     parser.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")

@@ -10,7 +10,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from mcstudy.cli import parser_of
+from mcstudy.cli.parser import Parser, parser_of
 from mcstudy.cli.verbs import verbs
 
 
@@ -23,17 +23,16 @@ class CommandLine(SphinxDirective):
         return self.parse_text_to_nodes(text, allow_section_headings=True)
 
 
-def _section(parser: argparse.ArgumentParser, does: str) -> Iterator[str]:
+def _section(parser: Parser, does: str) -> Iterator[str]:
     """Markdown of one verb, then of the verbs below it."""
     parser.formatter_class = partial(argparse.HelpFormatter, width=78)
     yield f"## {parser.prog}\n\n{does[0].upper()}{does[1:]}.\n"
     yield f"```text\n{parser.format_usage().removeprefix('usage: ').rstrip()}\n```\n"
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for choice in action._choices_actions:
-                yield from _section(action.choices[choice.dest], choice.help or "")
-        elif not isinstance(action, argparse._HelpAction):
+    for action in parser.arguments:
+        if action.dest != "help":
             yield f"{_names(action)}\n: {_help(parser, action)}\n"
+    for below in parser.below.values():
+        yield from _section(below, below.description or "")
 
 
 def _names(action: argparse.Action) -> str:
@@ -44,9 +43,9 @@ def _names(action: argparse.Action) -> str:
     return ", ".join(f"`{name} {value}`" if value else f"`{name}`" for name in action.option_strings)
 
 
-def _help(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
+def _help(parser: Parser, action: argparse.Action) -> str:
     """Its help as the terminal shows it, and its choices."""
-    text = parser._get_formatter()._expand_help(action) if action.help else ""
+    text = (action.help or "") % {**vars(action), "prog": parser.prog}
     choices = f"one of {', '.join(map(str, action.choices))}" if action.choices else ""
     return "; ".join(part for part in (text, choices) if part).replace("<", r"\<").replace("*", r"\*")
 

@@ -11,23 +11,30 @@ from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
     from mcstudy_challenge.design import ChallengeFile
 
 HELP = "benchmark the diagnosis on recordings with hidden causes"
+VERBS = {
+    "make": "simulate recordings and write the answer key to a separate file",
+    "answer": "diagnose every recording in a folder",
+    "score": "score answers against the key",
+    "run": "make, answer and score in one command; resumes where it was stopped",
+}
+"""Verbs of the command, and their one-line help."""
+
 RESUMABLE = ("make", "answer", "run")
 SHIPPED = {"make file": "challenge", "run file": "challenge"}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the command and of its verbs."""
-    verbs = parser.add_subparsers(dest="challenge", metavar="VERB", required=True)
-    make = verbs.add_parser("make", help="simulate recordings and write the answer key to a separate file")
+    make, answer, score, run = parser.add_verbs("challenge", VERBS)
     make.add_argument("file", type=Path, help="challenge file (.toml), or the name of a shipped one (gap_challenge)")
     make.add_argument("--data", type=Path, required=True, metavar="DIR", help="folder for the recordings")
     make.add_argument("--key", type=Path, required=True, metavar="FILE", help="answer key to write, outside DIR")
     make.set_defaults(run=_make)
 
-    answer = verbs.add_parser("answer", help="diagnose every recording in a folder")
     answer.add_argument("data", type=Path, help="folder of the recordings; must not contain the key")
     answer.add_argument("-o", "--out", type=Path, required=True, metavar="FILE", help="answers to write (JSON)")
     answer.add_argument(
@@ -38,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     answer.set_defaults(run=_answer)
 
-    score = verbs.add_parser("score", help="score answers against the key")
     score.add_argument("data", type=Path, help="folder of the recordings")
     score.add_argument("--key", type=Path, required=True, metavar="FILE", help="answer key (JSON)")
     score.add_argument("--answers", type=Path, required=True, metavar="FILE", help="answers (JSON)")
@@ -54,7 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     score.set_defaults(run=_score)
 
-    run = verbs.add_parser("run", help="make, answer and score in one command; resumes where it was stopped")
     run.add_argument("file", type=Path, help="challenge file (.toml), or the name of a shipped one (gap_challenge)")
     run.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="folder for all results")
     run.set_defaults(run=_run)

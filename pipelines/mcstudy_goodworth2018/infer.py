@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import add_scheduler_arguments, cluster_options
 from mcstudy.exits import Exit
+
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
 
 HELP = "infer the paper's lost true values from its printed numbers"
 RESUMABLE = ("",)
 SHIPPED = {"file": "inference"}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("file", type=Path, help="inference file (.toml), or the name of a shipped one (table_one)")
     parser.add_argument(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from mcstudy_challenge.challenge_file import read_challenge
 from tiny_studies import EIGHT_FITS as STUDY
 
 from mcstudy.cli import main
+from mcstudy.cli.parser import parser_of
 from mcstudy.cli.verbs import module, verbs
 from mcstudy.cli.verbs.completion import SHELLS
 from mcstudy.cli.verbs.help import TOPICS, page
@@ -376,3 +378,21 @@ def test_a_page_that_is_not_finished_leaves_the_old_one_and_nothing_else(tmp_pat
     assert page.read_text() == "whole"
     with pytest.raises(InputError, match="cannot be written: Is a directory"):
         write_page(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "fit a.nc 'b c.nc' --fmax 2.0 --accept swapped --with x --with y --bounds Kpas1=0:600 --unpaired --html p.html",
+        "gap next a.nc --prior-none 0.1 --kind hip_torque --trials 1 --trials 3 --html p.html",
+        "simulate -o a.nc --effect tau=0.1 --amplitude 1.0 2.0 --aperiodic",
+        "solve quick --target 'cv(Td1) <= 10%' --over cycles --precision 5.0",
+        "report a.zarr",
+    ],
+)
+def test_a_command_is_told_as_it_was_given(words: str) -> None:
+    verb, *further = shlex.split(words)
+    parser = parser_of(verb)
+    assert parser.command(parser.parse_args(further)) == ["mcstudy", verb, *further]
+    without = parser.command(parser.parse_args(further), without=("html",))
+    assert without == [w for w in ["mcstudy", verb, *further] if w not in ("--html", "p.html")]

@@ -48,7 +48,7 @@ def test_the_page_holds_every_sentence_and_every_number_of_the_fit(fit_page: Pat
 
 def test_the_page_says_which_command_made_it(fit_page: Path, lagging_recording: Path) -> None:
     text = fit_page.read_text(encoding="utf-8")
-    command = f"mcstudy fit {lagging_recording} --with sensor_lag_theta2 --fmax 2.0 --html {fit_page}"
+    command = f"mcstudy fit {lagging_recording} --fmax 2.0 --with sensor_lag_theta2 --html {fit_page}"
     assert text.count(f"Made by <code>{command}</code>") == text.count("<figure ")
 
 

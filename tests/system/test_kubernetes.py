@@ -15,7 +15,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from mcstudy.cli import parser_of
+from mcstudy.cli.parser import parser_of
 
 yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
 ROOT = Path(__file__).parents[2]

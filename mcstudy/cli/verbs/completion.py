@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mcstudy.exits import Exit
+
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -20,14 +22,14 @@ SHIPPED = {
 """Verb and argument that takes a file or the name of a shipped one, and the kind of the latter."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("shell", choices=SHELLS, help='bash: add eval "$(mcstudy completion bash)" to ~/.bashrc')
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Print the script; returns the exit code."""
-    from mcstudy.cli import whole_parser
+    from mcstudy.cli.parser import main_parser
     from mcstudy.cli.verbs import added
     from mcstudy.errors import InputError
 
@@ -35,14 +37,14 @@ def main(args: argparse.Namespace) -> Exit:
         import shtab
     except ModuleNotFoundError:
         raise InputError("completion: shtab is not installed; pip install shtab") from None
-    parser = whole_parser()
+    parser = main_parser(whole=True)
     words = _words()
     files = SHIPPED | {
         f"mcstudy {name} {argument}": kind
         for name, command in added().items()
         for argument, kind in getattr(command, "SHIPPED", {}).items()
     }
-    for name, action in _actions(parser):
+    for name, action in parser.whole():
         if name in files:
             action.complete = _names_or_files(files[name])  # type: ignore[attr-defined]
         elif action.type is Path:
@@ -81,12 +83,3 @@ def _names_or_files(kind: str) -> dict[str, Any]:
             "zsh": f"{function}() {{\n  _alternative 'names:shipped {kind}:({names})' 'files:file:_files'\n}}\n",
         },
     }
-
-
-def _actions(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
-    """All arguments of a parser and of its sub-verbs, with the words that lead to them."""
-    for action in parser._actions:  # what shtab itself reads
-        yield f"{parser.prog} {action.dest}", action
-        if isinstance(action, argparse._SubParsersAction):
-            for sub in action.choices.values():
-                yield from _actions(sub)

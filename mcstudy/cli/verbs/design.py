@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.cli.options import add_scheduler_arguments, cluster_options, shown_command
 from mcstudy.exits import Exit
 
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("file", type=Path, help="design file (.toml), or the name of a shipped one (design)")
     parser.add_argument(
@@ -56,7 +59,6 @@ def main(args: argparse.Namespace) -> Exit:
         from mcstudy.report.design_page import design_page
         from mcstudy.report.document import write_page
 
-        words = ["mcstudy", "design", str(args.file), "-o", str(args.out), *["--no-verify"] * args.no_verify]
-        write_page(args.html, lambda: design_page(design, shlex.join([*words, "--html", str(args.html)])))
+        write_page(args.html, lambda: design_page(design, shown_command(args)))
     print(folded(design.text()))
     return Exit.DONE

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.cli.first_look import prepare
 from mcstudy.cli.options import add_cluster_arguments, cluster_options, named_as_options, tell
 from mcstudy.exits import Exit
 
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
+
 TOPIC = "studies"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
     parser.add_argument("--realizations", type=int, help="new total number of realizations")

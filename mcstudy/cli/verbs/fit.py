@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.cli.options import add_scheduler_arguments, cluster_options
+from mcstudy.cli.options import add_scheduler_arguments, cluster_options, shown_command
 from mcstudy.cli.recording_options import (
     add_output_arguments,
     add_recording_arguments,
@@ -19,13 +18,13 @@ from mcstudy.cli.recording_options import (
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
-    from mcstudy.identification.result import FitResult
+    from mcstudy.cli.parser import Parser
     from mcstudy.identification.settings import FitSettings
 
 TOPIC = "parameters"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
     add_recording_arguments(parser, "*")
     parser.add_argument(
@@ -62,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--html", type=Path, metavar="PAGE", help="also write a self-contained page with all figures")
 
 
-def _group_arguments(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group(
+def _group_arguments(parser: Parser) -> None:
+    group = parser.add_group(
         "many people",
         "Without these options all recordings are of one person. With them each person is fitted, then "
         "the population: means, spread between people, differences between conditions. -o writes group.json and "
@@ -81,7 +80,7 @@ def _group_arguments(parser: argparse.ArgumentParser) -> None:
         help="compare what this column of TABLE says (default: condition, if there is one); without TABLE: person or "
         "condition, as the recordings say",
     )
-    paired = group.add_mutually_exclusive_group()
+    paired = group.add_alternatives()
     paired.add_argument("--paired", action="store_true", default=None, help="every person is in every condition")
     paired.add_argument(
         "--unpaired", dest="paired", action="store_false", help="people in different conditions are different people"
@@ -167,26 +166,12 @@ def _one_person(args: argparse.Namespace) -> Exit:
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
         result = fit(read, settings)
     if args.html:
-        _write_page(args, result)
+        from mcstudy.report.document import write_page
+        from mcstudy.report.person.page import fit_page
+
+        write_page(args.html, lambda: fit_page(result, shown_command(args)))
     tell(args, "fit", result.to_dict, lambda: folded(result.text()))
     return Exit.DONE
-
-
-def _write_page(args: argparse.Namespace, result: FitResult) -> None:
-    from mcstudy.report.document import write_page
-    from mcstudy.report.person.page import fit_page
-
-    repeated = [
-        *(w for e in args.effects for w in ("--with", e)),
-        *(w for q in args.quantity for w in ("--quantity", q)),
-        *(w for b in args.bounds for w in ("--bounds", b)),
-        *(w for code in args.accept for w in ("--accept", code)),
-    ]
-    for name, default in (("level", 0.95), ("seed", 0), ("fmax", None), ("discard", None), ("data", None)):
-        if getattr(args, name) != default:
-            repeated += [f"--{name}", str(getattr(args, name))]
-    command = shlex.join(["mcstudy", "fit", *map(str, args.recordings), *repeated, "--html", str(args.html)])
-    write_page(args.html, lambda: fit_page(result, command))
 
 
 def _all_bounds(given: list[str]) -> dict[str, tuple[float, float]]:

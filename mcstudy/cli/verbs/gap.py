@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.cli.options import NestedParser
+from mcstudy.cli.options import shown_command
 from mcstudy.cli.recording_options import (
     add_output_arguments,
     add_recording_arguments,
@@ -19,27 +19,31 @@ from mcstudy.cli.verbs import below
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
     from mcstudy.gap.diagnosis import DiagnosisRecord
-    from mcstudy.gap.planned.next_trial import NextTrialRecord
     from mcstudy.gap.settings import DiagnosisSettings
 
 TOPIC = "diagnosis"
 
+VERBS = {
+    "effects": "list the effects that a model may lack, with equations, usual sizes and their sources",
+    "diagnose": "diagnose one recording, or several of the same person",
+    "report": "diagnose, and write the result as one HTML page with figures",
+    "compare": "compare two groups of people: what differs, where, and which parameter changed",
+    "next": "rank possible next trials by how much they would reveal about the cause",
+}
+"""Verbs below this one, and their one-line help."""
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb and of its sub-verbs."""
-    verbs = parser.add_subparsers(dest="gap", metavar="VERB", required=True, parser_class=NestedParser)
-    effects = verbs.add_parser(
-        "effects", help="list the effects that a model may lack, with equations, usual sizes and their sources"
-    )
+    added = below("gap")
+    named = VERBS | {name: command.HELP for name, command in added.items()}
+    effects, diagnose, report, compare, planned, *others = parser.add_verbs("gap", named)
     effects.set_defaults(run=_effects)
-
-    diagnose = verbs.add_parser("diagnose", help="diagnose one recording, or several of the same person")
     add_output_arguments(diagnose, "diagnosis")
     diagnose.add_argument("--html", type=Path, metavar="PAGE", help="also write the page of gap report")
     diagnose.set_defaults(run=_diagnose)
-
-    report = verbs.add_parser("report", help="diagnose, and write the result as one HTML page with figures")
     report.add_argument(
         "-o", "--out", "--output", dest="output", type=Path, metavar="PAGE", help="page to write; default REC.html"
     )
@@ -50,20 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         _add_prior(verb)
         verb.add_argument("--fast", action="store_true", help="asymptotic statistics instead of the bootstrap")
         verb.add_argument("--bootstrap", type=int, metavar="N", help="number of bootstrap samples (default 1000)")
-
-    compare = verbs.add_parser(
-        "compare", help="compare two groups of people: what differs, where, and which parameter changed"
-    )
     _compare_arguments(compare)
-    _next_arguments(
-        verbs.add_parser("next", help="rank possible next trials by how much they would reveal about the cause")
-    )
-
-    for name, command in below("gap").items():
-        command.add_arguments(verbs.add_parser(name, help=command.HELP))
+    _next_arguments(planned)
+    for command, verb in zip(added.values(), others, strict=True):
+        command.add_arguments(verb)
 
 
-def _add_prior(verb: argparse.ArgumentParser) -> None:
+def _add_prior(verb: Parser) -> None:
     verb.add_argument(
         "--prior-none",
         type=float,
@@ -72,7 +69,7 @@ def _add_prior(verb: argparse.ArgumentParser) -> None:
     )
 
 
-def _compare_arguments(compare: argparse.ArgumentParser) -> None:
+def _compare_arguments(compare: Parser) -> None:
     compare.add_argument(
         "group",
         nargs="+",
@@ -93,7 +90,7 @@ def _compare_arguments(compare: argparse.ArgumentParser) -> None:
         "--condition", metavar="NAME", help="condition of the first group, of several in its description"
     )
     compare.add_argument("--with-condition", metavar="NAME", help="condition of the second group")
-    pairing = compare.add_mutually_exclusive_group()
+    pairing = compare.add_alternatives()
     pairing.add_argument(
         "--paired", action="store_true", default=None, help="treat recordings with the same person name as paired"
     )
@@ -109,7 +106,7 @@ def _compare_arguments(compare: argparse.ArgumentParser) -> None:
     compare.set_defaults(run=_compare)
 
 
-def _next_arguments(parser: argparse.ArgumentParser) -> None:
+def _next_arguments(parser: Parser) -> None:
     add_output_arguments(parser, "next_trial")
     add_recording_arguments(parser)
     _add_prior(parser)
@@ -192,16 +189,12 @@ def _diagnose(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-def _page(
-    args: argparse.Namespace, diagnosis: DiagnosisRecord, output: Path, planned: NextTrialRecord | None = None
-) -> str:
+def _page(args: argparse.Namespace, diagnosis: DiagnosisRecord, output: Path, planned: Any = None) -> str:
     """The page of a diagnosis, with the command that writes it alone."""
     from mcstudy.report.diagnosis.page import gap_page
 
-    options = [f"--{name}" for name, given in (("fast", args.fast), ("next", planned)) if given]
-    options += _given(args, ("bootstrap", None))
-    command = ["mcstudy", "gap", "report", *map(str, args.recordings), *options, "-o", str(output)]
-    return gap_page(diagnosis, shlex.join(command), planned)
+    words = args.parser.command(args, without=("out", "json", "html", "output"))
+    return gap_page(diagnosis, shlex.join(["mcstudy", "gap", "report", *words[3:], "-o", str(output)]), planned)
 
 
 def _next(args: argparse.Namespace) -> Exit:
@@ -239,27 +232,9 @@ def _next(args: argparse.Namespace) -> Exit:
         from mcstudy.report.document import write_page
         from mcstudy.report.next_page import next_page
 
-        write_page(args.html, lambda: next_page(found, _next_command(args)))
+        write_page(args.html, lambda: next_page(found, shown_command(args)))
     tell(args, "next_trial", found.to_dict, found.text)
     return Exit.DONE
-
-
-def _next_command(args: argparse.Namespace) -> str:
-    """The command with all that it was given, except other outputs."""
-    words = ["mcstudy", "gap", "next", *map(str, args.recordings)]
-    for option in ("kind", "amplitude", "trials"):
-        words += [w for value in getattr(args, option) for w in (f"--{option}", str(value))]
-    return shlex.join([*words, *_given(args, ("cycles", 6)), "--html", str(args.html)])
-
-
-def _given(args: argparse.Namespace, *own: tuple[str, Any]) -> list[str]:
-    """How the recordings are read, and the verb's ``own`` options, where they differ from their defaults."""
-    words = [w for code in args.accept for w in ("--accept", code)]
-    shared = ("seed", 0), ("fmax", None), ("discard", None), ("data", None), ("prior_none", None)
-    for name, default in (*own, *shared):
-        if getattr(args, name) != default:
-            words += [f"--{name.replace('_', '-')}", str(getattr(args, name))]
-    return words
 
 
 def _report(args: argparse.Namespace) -> Exit:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.exits import Exit
+
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
 
 IN_WHEEL = ("pipelines", "results_schema")
 """Folders of pages that `mcstudy.files.packaged` finds."""
@@ -32,7 +36,7 @@ TOPICS = {
 """What a topic is about, and its page below the package or one of the folders that a wheel holds inside it."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument(
         "topic",
@@ -45,8 +49,8 @@ def main(args: argparse.Namespace) -> Exit:
     """Print a page, or the list of topics; returns the exit code."""
     import difflib
 
-    from mcstudy.cli import parser_of
     from mcstudy.cli.markdown import as_text
+    from mcstudy.cli.parser import parser_of
     from mcstudy.cli.verbs import module, verbs
     from mcstudy.errors import InputError
     from mcstudy.text_tables import fill, table
@@ -65,26 +69,15 @@ def main(args: argparse.Namespace) -> Exit:
     if word in verbs():
         parser = parser_of(word)
         for verb in below:
-            parser = _below(parser, verb)
+            if verb not in parser.below:
+                wanted = f"one of {', '.join(parser.below)}" if parser.below else "no further word"
+                raise InputError(f"{verb}: expected {wanted} after {parser.prog}")
+            parser = parser.below[verb]
         print(parser.format_help())
     if topic in TOPICS and not below:
         file = page(topic)
         print(f"{as_text(file.read_text(encoding='utf-8'))}\nThis page: {file}")
     return Exit.DONE
-
-
-def _below(parser: argparse.ArgumentParser, verb: str) -> argparse.ArgumentParser:
-    """The parser of a verb of a verb; raises `InputError` if there is none of that name."""
-    from mcstudy.errors import InputError
-
-    known: dict[str, argparse.ArgumentParser] = {}
-    for action in parser._actions:  # argparse offers no public way to them
-        if isinstance(action, argparse._SubParsersAction):
-            known |= action.choices
-    if verb not in known:
-        wanted = f"one of {', '.join(known)}" if known else "no further word"
-        raise InputError(f"{verb}: expected {wanted} after {parser.prog}")
-    return known[verb]
 
 
 def page(topic: str) -> Path:

@@ -11,12 +11,13 @@ from mcstudy.exits import Exit
 from mcstudy.recordings.formats import accepted
 
 if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
     from mcstudy.recordings.recording import Recording
 
 TOPIC = "recordings"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
     parser.add_argument(
         "files",
@@ -34,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="description of the files (`mcstudy help recordings`); options override it",
     )
     parser.add_argument("--list", action="store_true", help="list the variables in each FILE and exit")
-    what = parser.add_argument_group("which variable is which")
+    what = parser.add_group("which variable is which")
     for name, meaning in {
         "stimulus": "stimulus",
         "theta1": "angle of the lower body in space",
@@ -43,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     }.items():
         what.add_argument(f"--{name}", metavar="VARIABLE", help=meaning)
     what.add_argument("--upper-body", choices=("hip", "space"), help="what theta2 is in the files (default hip)")
-    units = parser.add_argument_group("units and rates")
+    units = parser.add_group("units and rates")
     units.add_argument("--unit", metavar="UNIT", help="of the angles: deg, rad, mrad")
     units.add_argument("--stimulus-unit", metavar="UNIT", help="of the stimulus: N m, N mm, kgf m; m, cm, mm; deg, rad")
     units.add_argument(
@@ -73,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="longest gap of missing values or lost rows that is interpolated (default: none)",
     )
-    trials = parser.add_argument_group("several trials in one file")
+    trials = parser.add_group("several trials in one file")
     trials.add_argument(
         "--split", choices=("columns", "rows", "elements"), help="trials are columns or rows of matrices, or elements"
     )
@@ -81,11 +82,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     trials.add_argument("--starts-in", metavar="VARIABLE", help="variable that holds these times, in s")
     trials.add_argument("--above", type=float, help="trials start where that variable rises above this level")
     trials.add_argument("--length", type=float, metavar="S", help="duration of a trial (default: to the next start)")
-    text = parser.add_argument_group("text files")
+    text = parser.add_group("text files")
     text.add_argument("--delimiter", help="comma, semicolon, tab, blank or a character (default: found)")
     text.add_argument("--decimal", choices=(".", ","), help="decimal sign (default: found)")
     text.add_argument("--skip", type=int, metavar="N", help="lines above the header (default: found)")
-    person = parser.add_argument_group("the person")
+    person = parser.add_group("the person")
     person.add_argument("--height", type=float, metavar="M", help="body height, m")
     person.add_argument("--weight", type=float, metavar="KG", help="body mass, kg")
     person.add_argument("--sex", choices=("female", "male"), help="chooses de Leva's table; without it Winter's")

@@ -13,6 +13,8 @@ from mcstudy.exits import Exit
 if TYPE_CHECKING:
     import xarray as xr
 
+    from mcstudy.cli.parser import Parser
+
 TOPIC = "statistics"
 
 
@@ -24,7 +26,7 @@ LONGEST_NAME = 60
 """Characters of a name that are printed."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument(
         "table",

@@ -5,14 +5,18 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import add_unstable_argument, positive, stable_study
 from mcstudy.exits import Exit
 
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
+
 TOPIC = "studies"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
     add_unstable_argument(parser)

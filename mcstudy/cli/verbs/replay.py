@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import named_as_options
 from mcstudy.exits import Exit
+
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
 
 TOPIC = "cube"
 
@@ -15,7 +19,7 @@ CELL = ("group", "amplitude", "fmax", "realization", "start")
 """Options that choose the fit, named as the arguments of `mcstudy.replay`."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
     parser.add_argument("--group", help="group of the fit; not needed when the cube has only one")

@@ -19,12 +19,13 @@ from mcstudy.cli.options import (
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
     from mcstudy.study.design import Study
 
 TOPIC = "studies"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
     parser.add_argument("-o", "--out", type=Path, help="results cube; default results/NAME.zarr")

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
     from mcstudy.stance.line_stimulus import Stimulus
 
 TOPIC = "diagnosis"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
     parser.add_argument(
         "-o",

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mcstudy.cli.options import positive, stable_study
+from mcstudy.cli.options import positive, shown_command, stable_study
 from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
     from mcstudy.planning.solution import SolutionRecord
 
 PRECISION, BUDGET = 10.0, 200_000
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
     parser.add_argument(
@@ -110,7 +110,7 @@ def main(args: argparse.Namespace) -> Exit:
         from mcstudy.report.document import write_page
         from mcstudy.report.solution_page import solution_page
 
-        write_page(args.html, lambda: solution_page(found, _command(args)))
+        write_page(args.html, lambda: solution_page(found, shown_command(args)))
     if args.out is not None:
         if found.answer is None:
             print(f"{args.out}: not written, because no allowed design reaches the targets", file=sys.stderr)
@@ -123,19 +123,6 @@ def main(args: argparse.Namespace) -> Exit:
     else:
         print(folded(found.text()))
     return _exit(found)
-
-
-def _command(args: argparse.Namespace) -> str:
-    """The command that makes the page, as displayed on it."""
-    words = ["mcstudy", "solve", str(args.study), *(w for t in args.target for w in ("--target", t))]
-    words += ["--over", args.over]
-    given = {"group": args.group, "cost": args.cost}
-    words += [w for name, value in given.items() if value is not None for w in (f"--{name}", value)]
-    if args.precision != PRECISION:
-        words += ["--precision", f"{args.precision:g}"]
-    if args.budget_fits != BUDGET:
-        words += ["--budget-fits", str(args.budget_fits)]
-    return shlex.join([*words, "--html", str(args.html)])
 
 
 def _exit(found: SolutionRecord) -> Exit:

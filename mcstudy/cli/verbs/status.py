@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import seconds
 from mcstudy.cli.terminal import print_json
 from mcstudy.exits import Exit
 
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
+
 TOPIC = "faults"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("out", type=Path, help="results cube")
-    how = parser.add_mutually_exclusive_group()
+    how = parser.add_alternatives()
     how.add_argument("--json", action="store_true", help="print JSON (described in results_schema)")
     how.add_argument("--watch", action="store_true", help="follow a run from another terminal until it is complete")
     parser.add_argument(

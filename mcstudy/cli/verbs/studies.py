@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from mcstudy.exits import Exit
 
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument(
         "name", nargs="?", help="print this study file, e.g. to change it: mcstudy studies quick > my.toml"

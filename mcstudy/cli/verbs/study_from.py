@@ -5,15 +5,19 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import positive
 from mcstudy.cli.recording_options import add_recording_arguments, read_recordings, with_names
 from mcstudy.exits import Exit
 
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
+
 TOPIC = "parameters"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
     add_recording_arguments(parser)
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="STUDY", help="study file (.toml) to write")

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import time
+from typing import TYPE_CHECKING
 
 from mcstudy.exits import Exit
 
+if TYPE_CHECKING:
+    from mcstudy.cli.parser import Parser
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+
+def add_arguments(parser: Parser) -> None:
     """Arguments of the verb: none."""
     del parser
 

@@ -325,10 +325,10 @@ def test_a_study_of_ones_own_names_no_publication(tmp_path: Path, capsys: pytest
     own = {p.name: 0.97 * p.value for p in two_segment().parameters}
     model = {"truth": own, "body": {"J2": 7.2}}
     axes = {"realizations": 3, "starts": 2, "fmax": [1.2], "amplitude": [4.0]}
-    study = Study("own", seed=3)
+    hip, study = {"kind": "hip_torque"}, Study("own", seed=3)
     study = study.group("noisy", **axes, model=model, fit={"cost": "ml"})
-    study = study.group("hip", **axes, model=model, fit={"cost": "ml"}, stimulus={"kind": "hip_torque"})
-    study = study.group("exact", **axes | {"realizations": 1}, model=model, fit={"cost": "ml"}, simulator="none")
+    study = study.group("hip", **axes, model=model, fit={"cost": "ml"}, stimulus=hip)
+    study = study.group("exact", **axes | {"realizations": 1}, model=model, simulator="none", stimulus=hip)
     out = tmp_path / "out.zarr"
     run_study(study, out, ClusterOptions(workers=1))
     assert main(["show", str(out)]) == main(["show", str(out), "--json"]) == Exit.DONE

@@ -41,7 +41,7 @@ def iterations_figure(context: Context) -> Figure:
         "iterations",
         "Iterations of every start",
         ["Mean over realizations of the iterations of each start."],
-        [Panel("iterations", partial(figures.iterations_by_start, view))],
+        [Panel("iterations", partial(figures.iterations_by_start, view, None, None))],
         python=f'figures.iterations_by_start(tree["{view.name}"])',
     )
 '''

@@ -7,7 +7,8 @@ from dataclasses import fields
 from mcstudy.report.html import Table, escape, table
 from mcstudy.report.labels import with_units
 from mcstudy.report.study.context import Context
-from mcstudy.report.study.equations import diagram, equations
+from mcstudy.report.study.diagram import diagram
+from mcstudy.report.study.equations import equations
 from mcstudy.stance.body import KINDS, Body
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from mcstudy.errors import InputError, ModelError
 from mcstudy.expressions import expression
 from mcstudy.stance.polynomials import pieces
+from mcstudy.stance.provenance import with_replaced
 
 ROWS = ("hip", "ankle")
 """Names of the two torque balances, in the order of the rows of A(s)."""
@@ -406,7 +407,9 @@ class Model:
     def with_values(self, values: Mapping[str, float]) -> Model:
         """This model with other nominal values (bounds unchanged); raises `ModelError` on an unknown name."""
         self._check_names(values)
-        return replace(self, parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in self.parameters))
+        parameters = tuple(replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
+        replaced = [p.name for p in self.parameters if values.get(p.name, p.value) != p.value]
+        return replace(self, parameters=parameters, provenance=with_replaced(self.provenance, replaced, self.names))
 
     def with_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> Model:
         """This model with other bounds; raises `ModelError` on an unknown name or a value left outside."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mcstudy.report.html import escape
+from markupsafe import escape
+
 from mcstudy.report.study.paths import Loop, is_symbol, split, written
 from mcstudy.report.style import COLOURS
 from mcstudy.stance.feedback import Model, Term

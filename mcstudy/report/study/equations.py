@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mcstudy.report.html import escape
+from markupsafe import escape
+
 from mcstudy.report.study.paths import Loop, Path, is_symbol, split
 from mcstudy.stance.feedback import Model, Term
 

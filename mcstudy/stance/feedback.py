@@ -164,6 +164,31 @@ class Term:
         return first if self.late is None else (*first, self.late)
 
 
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """A quantity that follows from the parameters, ``Derived("sqrt(K/J)/(2*pi)", "Hz", "fn")``.
+
+    Attributes
+    ----------
+    value
+        Arithmetic of parameters, numbers and ``pi``, with sqrt, exp and log (`mcstudy.expressions`).
+    unit
+        Its unit.
+    name
+        What it is called; its ``value`` by default.
+    meaning
+        Description in one line.
+    """
+
+    value: str
+    unit: str
+    name: str = ""
+    meaning: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.name or self.value)
+
+
 def _weights(text: str, angles: tuple[str, ...]) -> tuple[float, float, float] | None:
     """Weights of a sum of angles, None for what is none."""
     try:
@@ -220,6 +245,8 @@ class Model:
         (`mcstudy.stance.joint`); empty for a single stimulus, whose responses may be asked for at any frequencies.
     unit
         Unit of the angles.
+    derived
+        Quantities that follow from the parameters and are reported with them (`Derived`).
 
     Raises
     ------
@@ -238,9 +265,10 @@ class Model:
     provenance: str = field(default="", compare=False)
     blocks: tuple[Block, ...] = ()
     unit: str = "rad"
+    derived: tuple[Derived, ...] = ()
 
     def __post_init__(self) -> None:
-        for what in ("parameters", "terms", "filters"):
+        for what in ("parameters", "terms", "filters", "derived"):
             object.__setattr__(self, what, tuple(getattr(self, what)))
         if not self.rows:
             rows = ROWS if self.angles == ANGLES else tuple(a for a in reversed(self.angles) if a != NO_ANGLE)

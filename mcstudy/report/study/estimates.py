@@ -156,18 +156,24 @@ def _fig_5(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
     )
 
 
+_OF_SUMS = (
+    "The sum of the active and the passive stiffness of a joint is well determined where the two alone are not, "
+    "because they differ only by the delay. "
+)
+
+
 def _fig_6(context: Context, view: GroupView, suffix: str) -> Figure | Missing:
-    title = "Active and passive stiffness combined"
-    if view.combined is None:
-        return Missing("Fig. 6", title, "the model has no active and passive stiffness to combine")
-    names = [str(n) for n in view.combined["parameter"].values if str(n) not in view.model.names]
+    declared = view.group.model.declared
+    title = "Derived quantities" if declared else "Active and passive stiffness combined"
+    if view.derived is None:
+        return Missing("Fig. 6", title, "the model derives no quantity from its parameters")
+    names = [str(n) for n in view.derived["parameter"].values]
     return Figure(
         f"fig6{suffix}",
         "Fig. 6",
         title,
         [
-            "The sum of the active and the passive stiffness of a joint is well determined where the two alone are "
-            "not, because they differ only by the delay. Mean ± SD over realizations, as in Fig. 5.",
+            ("" if declared else _OF_SUMS) + "Mean ± SD over realizations, as in Fig. 5.",
         ],
         [Panel(n, partial(figures.parameter_bars, view, n), (2.4, 2.0)) for n in names],
         _estimate_tables(context, view, set(names)),

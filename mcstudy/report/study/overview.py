@@ -7,10 +7,10 @@ from typing import Any
 
 from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL
-from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
+from mcstudy.models.quantities import sums
 from mcstudy.report.figures.common import chosen_fmax
 from mcstudy.report.html import escape, tiles
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
@@ -76,7 +76,7 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
         remark = f"mean SD {stat(best['mean_spread_percent'])} % of the truth, {at}."
         out.append(("Smallest scatter at", f"Fmax {fmax_label(best['fmax'])}", remark, "fig5"))
     f = chosen_fmax(view)
-    pairs = [members for members in sums_of(view.model.names).values() if len(members) == 2]
+    pairs = [members for members in sums(view.model).values() if len(members) == 2]
     if pairs:
         first, second = pairs[0]
         r = correlation(view.cells.sel(amplitude=amplitude, fmax=f)).sel(parameter=first, parameter_2=second)

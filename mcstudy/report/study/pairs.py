@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.view import GroupView
+from mcstudy.models.quantities import sums
 from mcstudy.report import figures
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.common import MOST_POINTS, chosen_fmax
@@ -27,7 +27,7 @@ def pairs_figure(context: Context) -> Figure | Missing:
     if view is None:
         return Missing("", title, "no group with noise has more than one realization")
     a, f = largest_amplitude(view), chosen_fmax(view)
-    added = [(m[0], m[1]) for m in sums_of(view.model.names).values() if len(m) == 2]
+    added = [(m[0], m[1]) for m in sums(view.model).values() if len(m) == 2]
     return Figure(
         "pairs",
         "",

@@ -133,11 +133,6 @@ class GroupView:
             return [d for d in self.differences_from(default) if not d.startswith("model.")]
         return self.differences_from(with_model_values(default) if same else default)
 
-    @property
-    def reference(self) -> str:
-        """What it differs from, in words."""
-        return "the default settings" if self.group.model.declared else "the paper's setting"
-
     def differences_from(self, other: Group) -> list[str]:
         """Settings in which the group differs from ``other``, ``field = value`` of this group."""
         theirs, ours = (

@@ -24,10 +24,12 @@ from mcstudy.errors import InputError, RecordingError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose
-from mcstudy.gap.planned.choice import Situation, possible_trials
-from mcstudy.gap.planned.gain import SHORT, told
-from mcstudy.gap.planned.next_trial import next_trial
-from mcstudy.gap.planned.predictions import (
+from mcstudy.gap.prior import prior
+from mcstudy.gap.settings import DiagnosisSettings
+from mcstudy.gap.trial_planning.choice import Situation, possible_trials
+from mcstudy.gap.trial_planning.gain import SHORT, told
+from mcstudy.gap.trial_planning.next_trial import next_trial
+from mcstudy.gap.trial_planning.predictions import (
     IDLE,
     NOTHING,
     UNKNOWN,
@@ -36,12 +38,10 @@ from mcstudy.gap.planned.predictions import (
     Predictions,
     predictions,
 )
-from mcstudy.gap.planned.recommendation import SHOWN, described, twin_sentence
-from mcstudy.gap.planned.response import chances, least_amplitude
-from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
-from mcstudy.gap.planned.twins import twins_of_design
-from mcstudy.gap.prior import prior
-from mcstudy.gap.settings import DiagnosisSettings
+from mcstudy.gap.trial_planning.recommendation import SHOWN, described, twin_sentence
+from mcstudy.gap.trial_planning.response import chances, least_amplitude
+from mcstudy.gap.trial_planning.trials import PlannedTrial, SwayNoise
+from mcstudy.gap.trial_planning.twins import twins_of_design
 from mcstudy.lines.labels import EDGES_HZ, NO_RESPONSE, no_response
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.figure import figure
@@ -161,7 +161,7 @@ def test_text_and_json_say_what_the_object_says(answer: NextTrial) -> None:
 
 
 def test_the_page_shows_which_effects_look_alike_before_and_after(answer: NextTrial) -> None:
-    shown = figure(next_figure(answer), "", "mcstudy gap report REC --next")
+    shown = figure(next_figure(answer), "mcstudy gap report REC --next")
     assert 'id="twins"' in shown  # the section that it stands in is "next"
     assert all(name in shown for name in answer.before.effects)
     assert answer.sentence(answer.best) in html.unescape(shown)
@@ -174,7 +174,7 @@ def test_the_page_of_next_trials_shows_causes_trials_and_the_map(answer: NextTri
         page.index(f'<section id="{key}"') for key in ("causes", "next", "alike")
     )
     assert all(name in shown for name, _ in answer.causes)
-    assert all(described(o.plan) in shown for o in answer.options[:SHOWN])
+    assert all(described(o.plan).replace("N m", "N·m") in shown for o in answer.options[:SHOWN])
     assert f"{answer.before.count} → {answer.after.count}" in shown
     assert twin_sentence(answer) in shown
 

@@ -126,7 +126,8 @@ class Workspace(NamedTuple):
 class Queue(NamedTuple):
     """M starts of K problems that share model and frequencies.
 
-    packed: (K, R (R + 2) N + 2), data and weights, see `pack`. problem: (M,) int64, problem of each start. starts: (M, P).
+    packed: (K, R (R + 2) N + 2), data and weights, see `pack`. problem: (M,) int64, problem of each start. starts:
+    (M, P).
     """
 
     packed: np.ndarray

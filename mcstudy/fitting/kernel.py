@@ -428,7 +428,7 @@ def _factor(w, data, R, a, j):
 
 @inner(forceinline=True)
 def _weighted(w, data, rows, vector, a):
-    """Row ``a`` of the weights of a frequency, whose data begin at slot ``data``, times complex numbers in registers."""
+    """Row ``a`` of the weights of a frequency, whose data begin at slot ``data``, times numbers in registers."""
     R, re, im = len(rows), splat(0.0), splat(0.0)
     for j in range(R):
         if j < a:
@@ -699,7 +699,7 @@ def _gain_torques(plan: Plan, work: Workspace, first, n):
 @inner(forceinline=True)
 def _group_torques(plan: Plan, work: Workspace, first, n):
     """Torques of delays and filters, through the sums of their groups."""
-    w, at, R = work.w, work.at, len(plan.rows)
+    at, R = work.at, len(plan.rows)
     for g in range(plan.group_delay.shape[0]):
         for row in range(R):
             if plan.delay_first[g, 0, row] >= 0:
@@ -812,7 +812,7 @@ def _whole_column(plan: Plan, work: Workspace, first, n, c):
 
 @inner(forceinline=True)
 def _column_products(plan: Plan, work: Workspace, first, n):
-    """Whole columns, of the parameters that act on several rows or on the output, and their products with all others."""
+    """Whole columns, of parameters that act on several rows or on the output, and their products with all others."""
     w, at, single, both, R = work.w, work.at, plan.single, plan.both, len(plan.rows)
     W, P, stride = single.shape[1], plan.column.shape[0], 2 * BLOCK
     gradient = work.gram_trial + P * (P + 1) // 2
@@ -859,8 +859,9 @@ def evaluate(plan: Plan, work: Workspace) -> None:
     A parameter moves the residual through the torques it makes: J_p = B t_p, with B (R x R) the same for all. Most
     parameters act on a single row k: J_p = b_k t_p with one complex number t_p and b_k the column of B scaled to unit
     length (t_p takes the length). Their products are Re(conj(t_p) t_q) within a row and Re(conj(t_p) rho t_q) between
-    rows, rho = b_k^H b_m: a share 1 / R of the work of whole columns. ``plan.single`` lists these parameters; the few others
-    (``plan.both``) and the residual are whole columns. ``plan.column`` says where t of a (parameter, row) is kept.
+    rows, rho = b_k^H b_m: a share 1 / R of the work of whole columns. ``plan.single`` lists these parameters; the few
+    others (``plan.both``) and the residual are whole columns. ``plan.column`` says where t of a (parameter, row) is
+    kept.
     """
     _cleared(plan, work)
     _gains(plan, work)

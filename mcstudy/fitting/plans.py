@@ -11,7 +11,7 @@ from mcstudy.errors import ModelError
 from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Filters, Plan, Scratch, Workspace
 from mcstudy.fitting.lanes import WIDTH
-from mcstudy.stance.feedback import Model, Table, require_plain
+from mcstudy.stance.feedback import Model, Table
 from mcstudy.stance.response import sensed_stimulus
 
 CACHE_LINE = 64
@@ -23,13 +23,12 @@ def plan(model: Model, f: np.ndarray) -> Plan:
 
     Raises `ModelError` when a filter's coefficient holds a negative power of a parameter.
     """
-    require_plain(model, "a fit")
     table, omega = model.table, 2 * np.pi * np.asarray(f, dtype=float)
     if (table.monomial_power < 0).any() or (table.monomial[:, 3] < 0).any():
         raise ModelError(f"model {model.name}: filter coefficients may not hold negative powers of parameters")
     varies = (table.entry[:, 3] >= 0) | (table.group_delay[table.entry[:, 2], 0] >= 0)
     varies |= (table.group_filters[table.entry[:, 2]] >= 0).any(axis=1)
-    R = len(table.output_filter)
+    R = table.n_rows
     constant = np.zeros((omega.size, 2 * R * (R + 1)))
     at, sensed_drive = model.stimulus_at(omega.size), sensed_stimulus(model, omega.size)
     for e in np.flatnonzero(~varies):
@@ -129,7 +128,7 @@ def _columns(model: Model, entry: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     others, among them all that act on the measured angles; ``column`` (P, R), the place of (parameter, row).
     """
     table, P = model.table, len(model.parameters)
-    R = len(table.output_filter)
+    R = table.n_rows
     inside: dict[int, set[int]] = {k: set() for k in range(table.n_filters)}
     for m in table.monomial:
         inside[int(m[0])] |= {int(p) for p in m[4:] if p >= 0}

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from mcstudy.results.fit import FitResult
     from mcstudy.results.group_result import GroupResult
     from mcstudy.stance.body import Body
-    from mcstudy.stance.feedback import Filter, Model, Parameter, Term
+    from mcstudy.stance.feedback import Derived, Filter, Model, Output, OutputTerm, Parameter, Term
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
 
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 _FROM = {
     "Body": "stance.body",
     "Comparison": "results.comparison",
+    "Derived": "stance.feedback",
     "Diagnosis": "results.diagnosis",
     "Effect": "effect_library.effect",
     "Filter": "stance.feedback",
@@ -55,6 +56,8 @@ _FROM = {
     "InputError": "errors",
     "Interrupted": "errors",
     "Model": "stance.feedback",
+    "Output": "stance.feedback",
+    "OutputTerm": "stance.feedback",
     "Parameter": "stance.feedback",
     "Recording": "recordings.recording",
     "Study": "study.design",
@@ -96,6 +99,7 @@ _FROM = {
 __all__ = [
     "Body",
     "Comparison",
+    "Derived",
     "Diagnosis",
     "Effect",
     "Filter",
@@ -105,6 +109,8 @@ __all__ = [
     "InputError",
     "Interrupted",
     "Model",
+    "Output",
+    "OutputTerm",
     "Parameter",
     "Recording",
     "Study",

@@ -12,7 +12,9 @@ import pytest
 from scipy.signal import freqs
 
 import mcstudy as mc
-from mcstudy.errors import DesignError, ModelError
+from mcstudy.cli import main
+from mcstudy.errors import DesignError, ModelError, StoreError
+from mcstudy.files import schema
 from mcstudy.models.catalogue import checked_table, names, read_model, spelled_out, written
 from mcstudy.models.check import check_response, check_stability, response
 from mcstudy.models.record import ModelTable, table_of
@@ -46,6 +48,7 @@ PENDULUM: dict[str, Any] = {
 def changed(path: str, value: object) -> dict[str, Any]:
     """The pendulum with one value of its table replaced; None takes it away."""
     raw: dict[str, Any] = tomllib.loads(written(checked_table(PENDULUM)))["model"]
+    raw.setdefault("derived", [])
     *outer, last = path.split(".")
     place: Any = raw
     for key in outer:
@@ -90,6 +93,14 @@ def test_a_printed_model_is_read_back_with_the_same_bits(name: str, tmp_path: Pa
     model, again = first.model(), read_model(tmp_path / "printed.toml").model()
     assert replace(again, provenance=model.provenance) == model
     np.testing.assert_array_equal(frf(again, again.truth, F), frf(model, model.truth, F))
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_model_file_conforms_to_its_schema(name: str) -> None:
+    raw = tomllib.loads(written(read_model(name)))
+    schema.validate("model", raw, name)
+    with pytest.raises(StoreError, match="name: model"):
+        schema.validate("model", {"model": {**raw["model"], "joint": "ankle"}}, "name")
 
 
 @pytest.mark.parametrize("name", names())
@@ -185,6 +196,28 @@ def test_a_term_may_sense_a_sum_of_joints_with_weights() -> None:
         ("term.2.filter", "lag", "model.term.2.filter: expected the name of a filter, one of muscle, got 'lag'"),
         ("term.4", None, "model.term: expected one that senses the stimulus"),
         ("angles", ["a", "b"], "model.angles: expected one name for each of 1 joints, got 2"),
+        (
+            "derived.+",
+            {"value": "K + Q"},
+            "model.derived.K + Q: derived 'K + Q': expected names among K",
+        ),
+        (
+            "derived.+",
+            {"value": "K", "name": "B"},
+            "model.derived.B: expected a name of its own, got one",
+        ),
+        ("derived.+", {"value": "1/(K - 1.5*mgh)", "name": "q"}, "model.derived.q: quantity '1/(K - 1.5*(610.6725))'"),
+        (
+            "derived.+",
+            {"value": "m*g", "name": "q"},
+            "model.derived.q: quantity '(75.0)*(9.81)': expected a",
+        ),
+        ("derived.+", {"value": "__import__('os')"}, "model.derived.__import__('os'): derived"),
+        (
+            "derived.+",
+            {"value": "K + 3", "unit": "N"},
+            "model.derived.K + 3.unit: expected N m/rad, that of",
+        ),
         ("sensor_filter", {"ankle": "x"}, "model.sensor_filter.ankle: expected one of muscle, got 'x'"),
     ],
 )
@@ -268,3 +301,20 @@ def test_a_set_of_several_stimuli_is_no_table() -> None:
 
     with pytest.raises(ModelError, match="expected a single stimulus, got 2"):
         table_of(replace(two_segment(), blocks=(Block("N m", 3), Block("N m", 3))))
+
+
+def test_a_checked_model_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(written(checked_table(changed("term.4", {"sense": "stimulus", "gain": "K"}))), encoding="utf-8")
+    assert main(["models", str(file), "--check", "--diagram", str(tmp_path / "loop.svg")]) == 0
+    *_, first, second, third = capsys.readouterr().out.splitlines()
+    assert first == "every parameter moves the response"
+    assert (second, third) == (
+        "ankle: K u -> (+) -> body -> ankle",
+        "  (-) <- delay Td <- K muscle + B s muscle <- ankle + noise",
+    )
+    drawn = (tmp_path / "loop.svg").read_text(encoding="utf-8")
+    assert [text for text in ("body", "muscle", "delay T", "noise 1") if text not in drawn] == []
+    assert main(["models", "--diagram", "loop.svg"]) == 2
+    assert main(["models", str(file), "--diagram", str(tmp_path / "loop.png")]) == 2
+    assert "expected a name ending in .svg" in capsys.readouterr().err

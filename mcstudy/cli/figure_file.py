@@ -11,37 +11,35 @@ from mcstudy.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ENDINGS = (".svg",)
-"""Names of figures that are written as SVG documents."""
-
-DRAWN = (".svg", ".png", ".pdf")
-"""Names of figures that matplotlib draws."""
+UNDATED: dict[str, dict[str, None]] = {".svg": {"Date": None}, ".png": {}, ".pdf": {"CreationDate": None}}
+"""Endings of figures, and what matplotlib leaves out, so that the same figure has the same bytes."""
 
 
-def check_figure(path: Path | None, endings: tuple[str, ...] = ENDINGS, page: Path | None = None) -> None:
+def check_figure(path: Path | None, page: Path | None = None) -> None:
     """Raise `InputError` where no figure or page can be written, before anything is computed; None is none."""
-    if page is not None or (path is not None and endings == DRAWN):
-        from mcstudy.report.style import require_matplotlib
+    if path is None and page is None:
+        return
+    from mcstudy.report.style import require_matplotlib
 
-        require_matplotlib()
+    require_matplotlib()
     if path is None:
         return
-    if path.suffix not in endings:
-        raise InputError(f"{path}: expected a name ending in {', '.join(endings)}")
+    if path.suffix not in UNDATED:
+        raise InputError(f"{path}: expected a name ending in {', '.join(UNDATED)}")
     there = next(folder for folder in path.absolute().parents if folder.exists())
     if not there.is_dir():
         raise InputError(f"{path}: cannot be written: {there} is not a folder")
 
 
-def write_figure(figure: Figure | str, path: Path) -> None:
-    """Write a figure or an SVG document; raises `StoreError` when the file cannot be written."""
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure; raises `StoreError` when the file cannot be written."""
     from mcstudy.files.output import write_file
+    from mcstudy.report.axes import styled
 
     def content() -> bytes:
-        if isinstance(figure, str):
-            return f"{figure}\n".encode()
         drawn = io.BytesIO()
-        figure.savefig(drawn, format=path.suffix.removeprefix("."))
+        with styled():
+            figure.savefig(drawn, format=path.suffix.removeprefix("."), metadata=UNDATED[path.suffix])
         return drawn.getvalue()
 
     write_file(path, content)

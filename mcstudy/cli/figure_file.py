@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,15 +18,19 @@ UNDATED: dict[str, dict[str, None]] = {".svg": {"Date": None}, ".png": {}, ".pdf
 
 def check_figure(path: Path | None, page: Path | None = None) -> None:
     """Raise `InputError` where no figure or page can be written, before anything is computed; None is none."""
-    if path is None and page is None:
-        return
-    from mcstudy.report.style import require_matplotlib
+    if path is not None or page is not None:
+        from mcstudy.report.style import require_matplotlib
 
-    require_matplotlib()
+        require_matplotlib()
+    check_name(path, UNDATED)
+
+
+def check_name(path: Path | None, endings: Collection[str]) -> None:
+    """Raise `InputError` where the name has none of these endings, or is in no folder; None is none."""
     if path is None:
         return
-    if path.suffix not in UNDATED:
-        raise InputError(f"{path}: expected a name ending in {', '.join(UNDATED)}")
+    if path.suffix not in endings:
+        raise InputError(f"{path}: expected a name ending in {', '.join(endings)}")
     there = next(folder for folder in path.absolute().parents if folder.exists())
     if not there.is_dir():
         raise InputError(f"{path}: cannot be written: {there} is not a folder")

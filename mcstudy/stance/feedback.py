@@ -488,7 +488,7 @@ class Model:
     @property
     def n_angles(self) -> int:
         """Outputs that there are: Y, or 1 for a model of one joint, whose second angle is identically zero."""
-        padded = not self.outputs and self.angles[-1] == NO_ANGLE and not any(t.row == self.rows[0] for t in self.terms)
+        padded = not self.outputs and not any(t.row == self.rows[0] for t in self.terms)
         return self.n_outputs - padded
 
     @cached_property

@@ -194,7 +194,8 @@ class StimulusSection(Section):
 
 def _listed(given: Any) -> Any:
     """A single number as a list of one."""
-    return (given,) if isinstance(given, int | float) and not isinstance(given, bool) else given
+    number = isinstance(given, int | float) and not isinstance(given, bool)
+    return (given,) if number else tuple(given) if isinstance(given, list) else given
 
 
 class NoiseTableSection(Section):

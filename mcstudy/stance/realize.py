@@ -174,10 +174,8 @@ class _Builder:
             return
         most = 2 if kind == STIMULUS else int(self.order[unknown])
         if order > most:
-            raise ModelError(
-                f"a term grows faster than s^{most}, the highest order of the undelayed ones; give it a filter of "
-                "higher order"
-            )
+            limit = "s^2" if kind == STIMULUS else f"s^{most}, as the undelayed ones do"
+            raise ModelError(f"a term grows faster than {limit}; give it a filter of higher order")
         if order == most and delay == 0.0 and kind in (ANGLE, SENSED) and destination < 2 * self.rows:
             if scale == 1:
                 raise ModelError("the gain of an undelayed term of the highest order cannot drift")

@@ -57,11 +57,12 @@ class Loop(NamedTuple):
 class Inputs(NamedTuple):
     """Records, and where stages read them: first sample (6, G) relative to the step, and weights.
 
-    Of the history Hermite weights (6, G, 3, 6) of unknowns of order 2, and of the others weights (6, G, 6) of six
-    samples. Of known records, which ``pad`` samples before time 0 precede: weights (6, G, 3, 6) of the noise (R, N, 3)
-    and of the stimulus (N, 3).
+    Of the history (R, N, 3), unknowns with rate and acceleration up to the step, they are Hermite weights (6, G, 3, 6)
+    of those of order 2, and of the others weights (6, G, 6) of six samples. Of the known records, noise (R, N, 3) and
+    stimulus (N, 3), which ``pad`` samples before time 0 precede, they are weights (6, G, 3, 6).
     """
 
+    history: np.ndarray
     back: np.ndarray
     weight: np.ndarray
     first: np.ndarray
@@ -87,10 +88,13 @@ class Limits(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What a stage computes: signals (S,), passive and active torques (2 R,), highest derivatives (R,)."""
+    """What a stage computes: signals (S,), passive and active torques (2 R,), of these the active ones within their
+    limits (R,), highest derivatives (R,).
+    """
 
     values: np.ndarray
     torques: np.ndarray
+    active: np.ndarray
     highest: np.ndarray
 
 
@@ -124,7 +128,7 @@ def _read_samples(record: np.ndarray, first: int, order: int, weight: np.ndarray
 
 @inner
 def _evaluate_signals(
-    step: int, stage: int, y: np.ndarray, history: np.ndarray, loop: Loop, inputs: Inputs, limits: Limits, out: Scratch
+    step: int, stage: int, y: np.ndarray, loop: Loop, inputs: Inputs, limits: Limits, out: Scratch
 ) -> None:
     """All signals; those at the current instant of what the rows are solved for without it."""
     n = loop.order.size
@@ -141,9 +145,9 @@ def _evaluate_signals(
                         x = y[n * order + unknown]
                 elif loop.order[unknown] < 2:
                     start = step + inputs.first[stage, g]
-                    x = _read_samples(history[unknown], start, order, inputs.sample_weight[stage, g])
+                    x = _read_samples(inputs.history[unknown], start, order, inputs.sample_weight[stage, g])
                 elif step + inputs.back[stage, g] >= 0:
-                    x = _read(history[unknown], step + inputs.back[stage, g], inputs.weight[stage, g, order])
+                    x = _read(inputs.history[unknown], step + inputs.back[stage, g], inputs.weight[stage, g, order])
             if kind != _ANGLE:
                 start = step + inputs.input_back[stage, g] + inputs.pad
                 x += _read(inputs.noise[unknown], start, inputs.input_weight[stage, g, order])
@@ -184,16 +188,15 @@ def _solve(
     stage: int,
     y: np.ndarray,
     slope: np.ndarray,
-    active: np.ndarray,
     loop: Loop,
     limits: Limits,
     out: Scratch,
 ) -> None:
-    """Highest derivatives from the torques, and the derivatives of the unknowns; ``active`` receives active torques."""
+    """Highest derivatives from the torques, and the derivatives of the unknowns."""
     n, c = loop.order.size, _C[stage]
     for r in range(n):
-        active[r] = min(max(out.torques[n + r], -limits.torque[r]), limits.torque[r])
-        out.torques[r] = -out.torques[r] - active[r]
+        out.active[r] = min(max(out.torques[n + r], -limits.torque[r]), limits.torque[r])
+        out.torques[r] = -out.torques[r] - out.active[r]
         if limits.motor.shape[0] > 0:
             motor = limits.motor[step, r]
             out.torques[r] += motor if c == 0.0 else (1.0 - c) * motor + c * limits.motor[step + 1, r]
@@ -212,21 +215,19 @@ def _slope(
     stage: int,
     y: np.ndarray,
     slope: np.ndarray,
-    active: np.ndarray,
-    history: np.ndarray,
     loop: Loop,
     inputs: Inputs,
     limits: Limits,
     out: Scratch,
 ) -> None:
-    """Derivative of the state at one stage; ``active`` receives the active torque of each row."""
+    """Derivative of the state at one stage."""
     clock = (step + _C[stage]) / limits.steps - 0.5
-    _evaluate_signals(step, stage, y, history, loop, inputs, limits, out)
+    _evaluate_signals(step, stage, y, loop, inputs, limits, out)
     for r in range(out.torques.size):
         out.torques[r] = 0.0
     _filter_slopes(y, slope, loop, out.torques)
     _add_links(0, loop.to_torques, clock, limits.drifts, loop, out.values, out.torques)
-    _solve(step, stage, y, slope, active, loop, limits, out)
+    _solve(step, stage, y, slope, loop, limits, out)
     for i in loop.current:
         kind, _, unknown, order = loop.signal[i]
         x = out.highest[unknown]
@@ -240,41 +241,36 @@ def _slope(
 
 
 @inner
-def _store(step: int, y: np.ndarray, loop: Loop, highest: np.ndarray, history: np.ndarray, states: np.ndarray) -> None:
-    """Keep unknowns, with the derivatives that they have, and filter states of a sample."""
+def _store(
+    step: int, y: np.ndarray, loop: Loop, out: Scratch, history: np.ndarray, states: np.ndarray, torque: np.ndarray
+) -> None:
+    """Keep what is known of a sample: unknowns, with the derivatives that they have, filter states, active torques."""
     n = loop.order.size
     for c in range(n):
-        order = loop.order[c]
         history[c, step, 0] = y[c]
         history[c, step, 1] = y[n + c]
-        history[c, step, order] = highest[c]
+        history[c, step, loop.order[c]] = out.highest[c]
+        torque[step, c] = out.active[c]
     for i in range(states.shape[1]):
         states[step, i] = y[2 * n + i]
 
 
 @compiled
 def integrate(
-    h: float,
-    history: np.ndarray,
-    states: np.ndarray,
-    torque: np.ndarray,
-    loop: Loop,
-    inputs: Inputs,
-    limits: Limits,
-    scratch: Scratch,
+    h: float, states: np.ndarray, torque: np.ndarray, loop: Loop, inputs: Inputs, limits: Limits, scratch: Scratch
 ) -> None:
     """Run from rest at sample 0 to the last sample.
 
-    Writes history (R, N, 3), the unknowns with rate and acceleration, as far as they have them; states (N, Z), the
-    filter states; torque (N, R), the active torque of each row.
+    Writes the history of the inputs; states (N, Z), the filter states; torque (N, R), the active torque of each row.
     """
+    history = inputs.history
     rows, samples = history.shape[0], history.shape[1]
     n = 2 * rows + states.shape[1]
-    y, stage_y, slopes, aside = np.zeros(n), np.zeros(n), np.zeros((6, n)), np.zeros(rows)
+    y, stage_y, slopes = np.zeros(n), np.zeros(n), np.zeros((6, n))
     for step in range(samples):
         # A literal 0 would be a type of its own: `_slope` would be compiled twice.
-        _slope(step, np.int64(0), y, slopes[0], torque[step], history, loop, inputs, limits, scratch)
-        _store(step, y, loop, scratch.highest, history, states)
+        _slope(step, np.int64(0), y, slopes[0], loop, inputs, limits, scratch)
+        _store(step, y, loop, scratch, history, states, torque)
         if step == samples - 1:
             break
         for stage in range(1, 6):
@@ -283,7 +279,7 @@ def integrate(
                 for j in range(stage):
                     s += _A[stage, j] * slopes[j, i]
                 stage_y[i] = y[i] + h * s
-            _slope(step, stage, stage_y, slopes[stage], aside, history, loop, inputs, limits, scratch)
+            _slope(step, stage, stage_y, slopes[stage], loop, inputs, limits, scratch)
         for i in range(n):
             s = 0.0
             for j in range(6):

@@ -104,11 +104,10 @@ def simulate(
     inputs = _inputs(loop, noise, stimulus, rate_hz, substeps)
     if tilt.any():
         inputs.noise[0] -= float(np.asarray(theta)[model.names.index(model.weights[0])]) * inputs.stimulus
-    history, torque = np.zeros((R, samples, 3)), np.zeros((samples, R))
-    states = np.zeros((samples, loop.head.size))
-    scratch = Scratch(np.zeros(len(loop.signal)), np.zeros(2 * R), np.zeros(R))
-    integrate(h, history, states, torque, _kernel_loop(loop), inputs, limits, scratch)
-    history, states = history[:, ::substeps], states[::substeps]
+    states, torque = np.zeros((samples, loop.head.size)), np.zeros((samples, R))
+    scratch = Scratch(np.zeros(len(loop.signal)), np.zeros(2 * R), np.zeros(R), np.zeros(R))
+    integrate(h, states, torque, _kernel_loop(loop), inputs, limits, scratch)
+    history, states = inputs.history[:, ::substeps], states[::substeps]
     measured = np.zeros((n, model.n_outputs))
     for part in loop.readings:
         if part.order < 0:
@@ -140,6 +139,7 @@ def _inputs(loop: Realisation, noise: np.ndarray | None, stimulus: np.ndarray, r
     input_back, input_weight = _places(loop.delay, h, known=True)
     stimulus_weight = _places(loop.delay, h, known=True, linear=stimulus.ndim == 1)[1]
     return Inputs(
+        np.zeros((loop.order.size, (n - 1) * substeps + 1, 3)),
         back,
         weight,
         *_samples_around(loop.delay, h),

@@ -212,9 +212,9 @@ def _wrong_delay(angles: Sequence[np.ndarray], seen: Sequence[_Alike], rate_hz: 
 
 def _strongest(angles: Sequence[np.ndarray], period: int) -> slice:
     """Harmonics of the narrow band around the one at which cycles differ most, as a share of all their differences."""
-    power = np.zeros((period // 2 + 1, 2))
+    power = np.zeros((period // 2 + 1, angles[0].shape[1]))
     for theta in angles:
-        cycles = theta[period : theta.shape[0] // period * period].reshape(-1, period, 2)
+        cycles = theta[period : theta.shape[0] // period * period].reshape(-1, period, theta.shape[1])
         power += (np.abs(np.fft.rfft(np.diff(cycles, axis=0), axis=1)) ** 2).sum(axis=0)
     power[:CLOCK_HARMONIC] = 0.0
     centre = int((power / np.maximum(power.sum(axis=0), 1e-300)).max(axis=1).argmax())
@@ -242,7 +242,7 @@ def _alike(theta: np.ndarray, period: int, without: slice | None = None) -> _Ali
     taper = 1.0 if without is None else np.hanning(period)[:, None]
     reach = max(1, round(CLOCK_SHARE * period))
     lags = np.arange(-reach, reach + 1)
-    cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, 2)[1:]
+    cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, theta.shape[1])[1:]
     n = len(cycles)
     spectra = np.fft.rfft(cycles * taper, axis=1)
     spectra[:, :CLOCK_HARMONIC] = 0.0

@@ -94,13 +94,13 @@ def require_noise(lines: Lines, name: str) -> None:
     size = np.abs(lines.y)
     if not (np.isfinite(C).all() and np.isfinite(size).all() and (variance > 0).all() and size.any()):
         raise RecordingError(f"{name}: theta1, theta2: expected responses with measurement noise, found none")
-    relative = (np.sqrt(variance) / np.maximum(size, 1e-300)).min(axis=1)  # an unpublished angle is zero
+    relative = (np.sqrt(variance) / np.maximum(size, 1e-300)).min(axis=1)
     if np.median(relative) < LEAST_NOISE or relative.min() < LEAST_NOISE_OF_A_LINE:
         raise RecordingError(
             f"{name}: theta1, theta2: expected noise of at least {LEAST_NOISE:g} of the responses, with which a gap is "
             f"compared ({LEAST_NOISE_OF_A_LINE:g} at any line), got {np.median(relative):.1g} ({relative.min():.1g})"
         )
-    if (1 - np.abs(C[:, 0, 1]) ** 2 / variance.prod(axis=1) < LEAST_NOISE_OF_A_LINE).any():
+    if (np.linalg.det(C).real / variance.prod(axis=1) < LEAST_NOISE_OF_A_LINE).any():
         raise RecordingError(f"{name}: theta1, theta2: one is a multiple of the other; their covariance is singular")
 
 
@@ -112,7 +112,7 @@ def _published(frf: FrfRecording) -> Lines:
     return Lines(
         f=frf.f,
         y=y,
-        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * unit_weight, angles=1 if frf.single else 2),
+        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * unit_weight),
         repeats=y[None],
         weight=unit_weight[None],
         trial=np.zeros(1, dtype=int),

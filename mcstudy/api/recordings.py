@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.gap.diagnose import diagnose as diagnose_recordings
-from mcstudy.gap.planned.choice import require_possible
-from mcstudy.gap.planned.next_trial import next_trial as planned_next
 from mcstudy.gap.prior import NONE
 from mcstudy.gap.settings import CAUSE_ONLY, DiagnosisSettings
+from mcstudy.gap.trial_planning.choice import require_possible
+from mcstudy.gap.trial_planning.next_trial import next_trial as planned_next
 from mcstudy.identification.fit import fit as fit_recordings
 from mcstudy.identification.settings import FitSettings
 from mcstudy.recordings.frf import FrfRecording

@@ -14,8 +14,8 @@ import numpy as np
 
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
+from mcstudy.gap.candidates.free_deviations import LENGTHS
 from mcstudy.gap.candidates.scores import Scores
-from mcstudy.gap.candidates.unknown import LENGTHS
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.prior import prior
 from mcstudy.gap.questions.any_gap import GapTest, gap_test

@@ -22,7 +22,7 @@ import numpy as np
 
 from mcstudy.errors import InputError
 from mcstudy.fitting.batch_least_squares import minimised
-from mcstudy.group_comparison.base import GroupModel
+from mcstudy.group_comparison.group_model import GroupModel
 from mcstudy.group_comparison.sample import Sample
 from mcstudy.spectra.frf_groups import as_real
 from mcstudy.streams import stream

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from mcstudy.group_comparison.base import GroupModel
 from mcstudy.group_comparison.changes import (
     NOTHING,
     PRIOR_NOTHING,
@@ -20,6 +19,7 @@ from mcstudy.group_comparison.changes import (
     posterior,
 )
 from mcstudy.group_comparison.detection import detect
+from mcstudy.group_comparison.group_model import GroupModel
 from mcstudy.group_comparison.result import LEVEL, Cause, ComparisonRecord
 from mcstudy.group_comparison.sample import Sample, sample_of
 from mcstudy.spectra.frf_groups import as_complex

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mcstudy.gap.planned.next_trial import NextTrialRecord
-from mcstudy.gap.planned.recommendation import NOTE, described, expected
+from mcstudy.gap.trial_planning.next_trial import NextTrialRecord
+from mcstudy.gap.trial_planning.recommendation import NOTE, described, expected
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.document import document
 from mcstudy.report.figure import figure

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from mcstudy.gap.nearest_words import chance
-from mcstudy.gap.planned import recommendation
-from mcstudy.gap.planned.choice import Option
-from mcstudy.gap.planned.next_trial import NextTrialRecord
+from mcstudy.gap.trial_planning import recommendation
+from mcstudy.gap.trial_planning.choice import Option
+from mcstudy.gap.trial_planning.next_trial import NextTrialRecord
 from mcstudy.results.record import PagedResult
 from mcstudy.short_repr import shortened
 

@@ -262,9 +262,8 @@ def pending_blocks(cube: Cube, threads: int, per_block: int | None) -> Iterator[
 def _stop_requests(run: str, words: Callable[[], str]) -> Iterator[threading.Event]:
     """`stop_requests` that also reach the blocks of a run that run in this process."""
     with stop_requests(words) as stop:
-        STOP[run] = stop
+        STOP[run] = stop  # for good: a block that a thread begins after the end of its run stops too
         try:
             yield stop
         finally:
             stop.set()  # blocks that still run when something failed
-            del STOP[run]

@@ -20,9 +20,9 @@ from group_differences import people
 from mcstudy_challenge.scores.calibration import calibration
 from scipy.stats import binomtest
 
-from mcstudy.group_comparison.base import GroupModel
 from mcstudy.group_comparison.changes import DELAY, GAIN, NOTHING, OTHER, POWER, WEIGHT, hypotheses, posterior
 from mcstudy.group_comparison.compare import hypotheses_fitted
+from mcstudy.group_comparison.group_model import GroupModel
 from mcstudy.group_comparison.sample import sample_of
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.stability import growth_rate

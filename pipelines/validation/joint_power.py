@@ -22,7 +22,7 @@ import numpy as np
 from next_trial import Answer, drawn, loss, mean, recorded, share
 
 from mcstudy.errors import FallsError, RecordingError
-from mcstudy.gap.planned.trials import PlannedTrial
+from mcstudy.gap.trial_planning.trials import PlannedTrial
 from mcstudy.streams import stream
 
 GIVEN = {"seed": 11, "delta": 6.0, "trials": 7, "cycles": 6, "amplitude": 5.0, "spread": 0.1}

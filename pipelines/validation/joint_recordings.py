@@ -35,9 +35,9 @@ from mcstudy.effect_library.protocol import Protocol, simulate_recording
 from mcstudy.errors import FallsError
 from mcstudy.fitting.penalised import whiten
 from mcstudy.gap.diagnose import detect
-from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
-from mcstudy.gap.planned.twins import Twins, twins_of_design
 from mcstudy.gap.settings import DiagnosisSettings
+from mcstudy.gap.trial_planning.trials import PlannedTrial, SwayNoise
+from mcstudy.gap.trial_planning.twins import Twins, twins_of_design
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.quantities import quantities
 from mcstudy.identification.settings import FitSettings

@@ -41,16 +41,16 @@ from mcstudy.effect_library.library import LIBRARY
 from mcstudy.effect_library.protocol import Protocol, body_with_effects
 from mcstudy.errors import FallsError, InputError, RecordingError
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
-from mcstudy.gap.planned.choice import Plan, Situation, possible_trials, ranked
-from mcstudy.gap.planned.recommendation import described
-from mcstudy.gap.planned.trials import PERIOD_S, PlannedTrial
-from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.prior import prior
 from mcstudy.gap.questions.any_gap import GapTest, gap_test
 from mcstudy.gap.questions.contrasts import DRAWS as CONTRAST_DRAWS
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.gap.questions.posterior import Explanation, explain
 from mcstudy.gap.settings import DiagnosisSettings
+from mcstudy.gap.trial_planning.choice import Plan, Situation, possible_trials, ranked
+from mcstudy.gap.trial_planning.recommendation import described
+from mcstudy.gap.trial_planning.trials import PERIOD_S, PlannedTrial
+from mcstudy.gap.trial_planning.twins import at_own_responses
 from mcstudy.lines.base_fit import base_fit
 from mcstudy.lines.checked_recording import checked_recording
 from mcstudy.lines.priors import opened
@@ -366,7 +366,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 def promises(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Expected and found probability of the true cause after the chosen trials, kinds with the shares of the prior.
 
-    Then the shortfall that `mcstudy.gap.planned.gain.SHORT` states, fitted to these cases (least squares).
+    Then the shortfall that `mcstudy.gap.trial_planning.gain.SHORT` states, fitted to these cases (least squares).
     """
     rows, share = [r for r in rows if "low_p" in r], prior()
     weight = {"effect": share["single"], "sound": share["none"], "pair": share["pair"]}

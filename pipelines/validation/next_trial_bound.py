@@ -11,8 +11,9 @@ how every effect changes the responses:
   (`mcstudy_challenge.scores.oracle`). On average no method that does not know the answer can be better.
 - The second one must expect what a diagnosis must expect: sizes that it does not know (half a normal distribution whose
   standard deviation is the size in this test), two effects at once, and causes outside the library (free torques and
-  sensor errors, `mcstudy.gap.candidates.unknown`, as visible in the first recording as the effects), with the shares of
-  the challenge of the diagnosis. Its forms of the effects are the declared ones, and it is linear in their sizes.
+  sensor errors, `mcstudy.gap.candidates.free_deviations`, as visible in the first recording as the effects), with the
+  shares of the challenge of the diagnosis. Its forms of the effects are the declared ones, and it is linear in their
+  sizes.
 
 Beside them stands what the diagnosis reached in the same cases. Every condition is that of the cases that were given
 these trials. ``bounds.jsonl`` keeps every case; a stopped command resumes.
@@ -38,11 +39,11 @@ from scipy.special import log_ndtr, logsumexp
 
 from mcstudy.effect_library.library import LIBRARY, apply
 from mcstudy.fitting.penalised import Fitter, whiten
+from mcstudy.gap.candidates.free_deviations import free_torques
 from mcstudy.gap.candidates.signatures import Signature, applicable, signatures
-from mcstudy.gap.candidates.unknown import free_torques
-from mcstudy.gap.planned.trials import PlannedTrial
-from mcstudy.gap.planned.twins import at_own_responses
 from mcstudy.gap.questions.other_forms import OTHER
+from mcstudy.gap.trial_planning.trials import PlannedTrial
+from mcstudy.gap.trial_planning.twins import at_own_responses
 from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.stance.body import Body, two_segment
 from mcstudy.stance.information import expected_line_covariance

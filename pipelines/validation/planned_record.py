@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mcstudy.effect_library.protocol import Protocol, body_with_effects, simulate_recording, smoothed
-from mcstudy.gap.planned.trials import PlannedTrial
+from mcstudy.gap.trial_planning.trials import PlannedTrial
 from mcstudy.recordings.recording import Recording, Trial
 from mcstudy.stance.body import TORQUES, Body, two_segment
 from mcstudy.stance.noise import SensorNoise

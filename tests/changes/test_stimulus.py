@@ -17,7 +17,7 @@ DECLARED = """    "trunk_torque": StimulusKind(
 STUDY = """
 import numpy as np
 import mcstudy as mc
-from mcstudy.gap.planned.choice import CONSIDERED
+from mcstudy.gap.trial_planning.choice import CONSIDERED
 from mcstudy.report.study.model import KINDS
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf

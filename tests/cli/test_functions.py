@@ -38,7 +38,7 @@ WORKERS = {
     "solve": {"solve": "mcstudy.planning.solve:solve_study"},
     "gap": {
         "diagnose": "mcstudy.gap.diagnose:diagnose",
-        "next_trial": "mcstudy.gap.planned.next_trial:next_trial",
+        "next_trial": "mcstudy.gap.trial_planning.next_trial:next_trial",
         "compare": "mcstudy.api.compare:compare",
     },
 }

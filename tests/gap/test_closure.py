@@ -11,8 +11,8 @@ from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.fitting.problem import Data
 from mcstudy.fitting.small_linear import gaussian_factor, orthonormal
+from mcstudy.gap.candidates.free_deviations import free_torques
 from mcstudy.gap.candidates.signatures import applicable, signatures
-from mcstudy.gap.candidates.unknown import free_torques
 from mcstudy.gap.questions.closure import (
     Belief,
     close,

@@ -10,9 +10,9 @@ import pytest
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.fitting.problem import Data
+from mcstudy.gap.candidates.free_deviations import free_torques
 from mcstudy.gap.candidates.remainder import Remainder
 from mcstudy.gap.candidates.scores import Projection
-from mcstudy.gap.candidates.unknown import free_torques
 from mcstudy.gap.questions.departure import departed, left_energies, remainder, with_departures
 from mcstudy.gap.questions.evidence import Hypothesis, single
 from mcstudy.lines.base_fit import drawn_starts

@@ -14,8 +14,8 @@ import mcstudy as mc
 from mcstudy.files import schema
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
-from mcstudy.gap.planned.trials import PlannedTrial
 from mcstudy.gap.questions.closure import energy, smooth_directions
+from mcstudy.gap.trial_planning.trials import PlannedTrial
 from mcstudy.recordings.recording import Recording
 from mcstudy.results.diagnosis import Diagnosis
 from mcstudy.spectra.lines import joined

@@ -10,7 +10,7 @@ import pytest
 from mcstudy.effect_library import library
 from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.fitting.problem import Data
-from mcstudy.gap.candidates.unknown import free_torques
+from mcstudy.gap.candidates.free_deviations import free_torques
 from mcstudy.gap.questions.closure import smooth_directions
 from mcstudy.gap.questions.likeness import _held_out, _likeness, likeness
 from mcstudy.lines.priors import opened, weak_prior

@@ -24,10 +24,12 @@ from mcstudy.errors import InputError, RecordingError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
 from mcstudy.gap.diagnose import diagnose
-from mcstudy.gap.planned.choice import Situation, possible_trials
-from mcstudy.gap.planned.gain import SHORT, told
-from mcstudy.gap.planned.next_trial import next_trial
-from mcstudy.gap.planned.predictions import (
+from mcstudy.gap.prior import prior
+from mcstudy.gap.settings import DiagnosisSettings
+from mcstudy.gap.trial_planning.choice import Situation, possible_trials
+from mcstudy.gap.trial_planning.gain import SHORT, told
+from mcstudy.gap.trial_planning.next_trial import next_trial
+from mcstudy.gap.trial_planning.predictions import (
     IDLE,
     NOTHING,
     UNKNOWN,
@@ -36,12 +38,10 @@ from mcstudy.gap.planned.predictions import (
     Predictions,
     predictions,
 )
-from mcstudy.gap.planned.recommendation import SHOWN, described, twin_sentence
-from mcstudy.gap.planned.response import chances, least_amplitude
-from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
-from mcstudy.gap.planned.twins import twins_of_design
-from mcstudy.gap.prior import prior
-from mcstudy.gap.settings import DiagnosisSettings
+from mcstudy.gap.trial_planning.recommendation import SHOWN, described, twin_sentence
+from mcstudy.gap.trial_planning.response import chances, least_amplitude
+from mcstudy.gap.trial_planning.trials import PlannedTrial, SwayNoise
+from mcstudy.gap.trial_planning.twins import twins_of_design
 from mcstudy.lines.labels import EDGES_HZ, NO_RESPONSE, no_response
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.figure import figure

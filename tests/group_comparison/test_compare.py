@@ -17,8 +17,8 @@ from mcstudy.cli import main
 from mcstudy.errors import InputError
 from mcstudy.exits import Exit
 from mcstudy.files import schema
-from mcstudy.group_comparison.base import GroupModel
 from mcstudy.group_comparison.changes import DISCREPANCY, NOTHING, Problem, inflation, smooth
+from mcstudy.group_comparison.group_model import GroupModel
 from mcstudy.group_comparison.sample import sample_of
 from mcstudy.spectra.frf_groups import model_points
 from mcstudy.spectra.frf_points import group_of

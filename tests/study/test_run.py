@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from unittest.mock import ANY
 from urllib.parse import urlsplit
 from urllib.request import urlopen
 
@@ -154,18 +155,23 @@ def test_a_store_deleted_under_the_run_does_not_come_back_in_pieces(
 def test_a_stop_request_ends_the_run_as_resumable(
     tmp_path: Path, tiny_cube: Path, tiny: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study, out = parse_study(tiny), tmp_path / "out.zarr"
-    write = GroupStore.write
+    study, out, earlier = parse_study(tiny), tmp_path / "out.zarr", set(tasks.STOP)
+    write, runs = GroupStore.write, set[str]()
 
     def stop_after_one(self: GroupStore, chunk: object, data: object, *environments: object) -> None:
         write(self, chunk, data, *environments)  # type: ignore[arg-type]
-        for event in tasks.STOP.values():
-            event.set()
+        if not runs:  # a thread that outlives this run must not stop the next one
+            runs.update(tasks.STOP.keys() - earlier)
+            tasks.STOP[min(runs)].set()
 
     with monkeypatch.context() as patch:
         patch.setattr(GroupStore, "write", stop_after_one)
         with pytest.raises(Interrupted, match="run the same command again to resume"):
             run_study(study, out, ONE)
+    cube = Cube.open(out)
+    chunks = tuple(cube.groups["noisy"].layout.chunks)
+    late = tasks.Task(min(runs), str(out), study.to_json(), "noisy", cube.depths["noisy"], chunks)
+    assert tasks.run_task(late) == tasks.TaskReport(complete=False, seconds=ANY), "begun after the end of its run"
     resumed = run_study(study, out, ONE)
     assert 0 < resumed.fits < 128
     assert tree_digest(out) == tree_digest(tiny_cube)

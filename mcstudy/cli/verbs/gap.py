@@ -197,10 +197,10 @@ def _page(args: argparse.Namespace, diagnosis: DiagnosisRecord, output: Path, pl
 def _next(args: argparse.Namespace) -> Exit:
     from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
     from mcstudy.errors import InputError
-    from mcstudy.gap.planned.choice import TRIALS, require_possible
-    from mcstudy.gap.planned.next_trial import next_trial
-    from mcstudy.gap.planned.recommendation import text
     from mcstudy.gap.settings import CAUSE_ONLY
+    from mcstudy.gap.trial_planning.choice import TRIALS, require_possible
+    from mcstudy.gap.trial_planning.next_trial import next_trial
+    from mcstudy.gap.trial_planning.recommendation import text
     from mcstudy.scheduler.activity import activity, doing
 
     amplitudes: dict[str, list[float]] = {}
@@ -242,7 +242,7 @@ def _report(args: argparse.Namespace) -> Exit:
     settings = _settings(args, fast=args.fast, bootstrap=args.bootstrap)
 
     def text() -> str:
-        from mcstudy.gap.planned.next_trial import next_trial
+        from mcstudy.gap.trial_planning.next_trial import next_trial
 
         diagnosis = _diagnosed(args, settings)
         return _page(args, diagnosis, output, next_trial(diagnosis, seed=args.seed) if args.next else None)

@@ -160,7 +160,7 @@ class Loop:
     def scale(self, path: Path, model: Model) -> float:
         """Median over the lines of the torque of the row per unit of what the path senses.
 
-        It is the active torque and a tenth of that of the stimulus, as of `mcstudy.gap.candidates.unknown`.
+        It is the active torque and a tenth of that of the stimulus, as of `mcstudy.gap.candidates.free_deviations`.
         """
         torque = np.abs(self.torque[:, model.rows.index(path.row)]) + 0.1 * self.drive
         return float(np.median(torque / np.maximum(np.abs(path.signal(self.H, model.angles)), 1e-300)))

@@ -1,8 +1,8 @@
 """A small smooth deviation beside a fit: its marginal likelihood, and samples of the energy that it has.
 
-The deviation is of one of the families of free torques and sensor errors (`mcstudy.gap.candidates.unknown`), as in the
-scores of what is unknown (`mcstudy.gap.candidates.scores`), but of a given size: it adds a given *energy* to the
-squared residual on average, after the parameters of the model are refitted. Derived.
+The deviation is of one of the families of free torques and sensor errors (`mcstudy.gap.candidates.free_deviations`),
+as in the scores of what is unknown (`mcstudy.gap.candidates.scores`), but of a given size: it adds a given *energy* to
+the squared residual on average, after the parameters of the model are refitted. Derived.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import numpy as np
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
 from mcstudy.fitting.small_linear import gaussian_factor
+from mcstudy.gap.candidates.free_deviations import free_torques
 from mcstudy.gap.candidates.scores import Projection
-from mcstudy.gap.candidates.unknown import free_torques
 
 
 class Remainder:

@@ -20,8 +20,8 @@ from scipy.special import log_ndtr
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
 from mcstudy.fitting.small_linear import gaussian_factor
+from mcstudy.gap.candidates.free_deviations import Family, free_torques, plain_feedback, strange
 from mcstudy.gap.candidates.signatures import Signature
-from mcstudy.gap.candidates.unknown import Family, free_torques, plain_feedback, strange
 
 TYPICAL_DELTA = 7.0
 """Scale of the prior on delta; effects of this visibility can usually be detected."""

@@ -25,7 +25,7 @@ from scipy.special import ive, xlogy
 from mcstudy.fitting.penalised import Fitted, Fitter, whiten
 from mcstudy.fitting.problem import Data
 from mcstudy.fitting.small_linear import orthonormal
-from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.candidates.unstructured_residual import UnstructuredResidual
 from mcstudy.gap.questions.departure import left_energies
 from mcstudy.gap.questions.detection import as_complex, linear_null
 from mcstudy.gap.questions.evidence import Hypothesis
@@ -136,7 +136,7 @@ def close(
     first = base.residual(data)
     explained = max(float(first @ first) - float(residual @ residual), 1.0)
     beside = max(float(residual @ residual) - smooth_square, 0.0)
-    unstructured = Unstructured.of(belief.null_chi2, taken=k).samples(beside, rng, SAMPLES)
+    unstructured = UnstructuredResidual.of(belief.null_chi2, taken=k).samples(beside, rng, SAMPLES)
     left = _left(smooth_square, k, rng), left_energies(base, added, data, rng, SAMPLES)
     fraction = _shares(base, added, data, belief, explained, *left, unstructured, rng)
     share = Interval.of(fraction)

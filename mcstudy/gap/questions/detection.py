@@ -18,7 +18,7 @@ from mcstudy.fitting.arguments import PenalisedFits
 from mcstudy.fitting.penalised import Fitted, Fitter, whiten
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.scores import Scores
-from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.candidates.unstructured_residual import UnstructuredResidual
 from mcstudy.lines.part_fits import PartFit, part_fits
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.response import frf
@@ -103,7 +103,7 @@ class Detection:
     draws: int
     null_statistic: np.ndarray = field(repr=False)
     null_chi2: np.ndarray = field(repr=False)
-    unstructured: Unstructured = field(repr=False)
+    unstructured: UnstructuredResidual = field(repr=False)
     parts: tuple[PartFit, ...] = ()
 
     @property
@@ -169,7 +169,7 @@ def detect(
     # deviation of interest, so the statistic projects it out of data and null samples alike.
     chi2 = float(residual @ residual)
     null_chi2 = (null**2).sum(axis=0)
-    unstructured = Unstructured.of(null_chi2)
+    unstructured = UnstructuredResidual.of(null_chi2)
     statistic = float(_any(scores(residual, linear=refits).gap, unstructured.log_factor(np.array([chi2])))[0])
     nulls = _any(scores(null, linear=refits).gap, unstructured.log_factor(null_chi2))
     p_value = (1 + int((nulls >= statistic).sum())) / (1 + draws)

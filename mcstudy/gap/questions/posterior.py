@@ -21,7 +21,7 @@ from mcstudy.effect_library import library
 from mcstudy.effect_library.effect import Effect
 from mcstudy.fitting.penalised import Fitted, whiten
 from mcstudy.gap.candidates.scores import Scores
-from mcstudy.gap.candidates.unstructured import Unstructured
+from mcstudy.gap.candidates.unstructured_residual import UnstructuredResidual
 from mcstudy.gap.prior import BESIDE, NONE, PAIR, SINGLE, UNKNOWN
 from mcstudy.gap.questions.any_gap import GapTest
 from mcstudy.gap.questions.contrasts import Contrast
@@ -33,7 +33,7 @@ from mcstudy.gap.questions.other_forms import in_other_forms
 from mcstudy.stance.response import frf
 
 UNSTRUCTURED_SHARE = 0.25
-"""Share of the unknown that is unstructured (`mcstudy.gap.candidates.unstructured`)."""
+"""Share of the unknown that is unstructured (`mcstudy.gap.candidates.unstructured_residual`)."""
 
 SCATTERS = 0.5
 """Probability that an effect that is nonlinear within a trial scatters visible energy between the lines."""
@@ -294,7 +294,7 @@ def _unknown(
     return out
 
 
-def _scattered(effect: str, fitted: Fitted, unstructured: Unstructured) -> float:
+def _scattered(effect: str, fitted: Fitted, unstructured: UnstructuredResidual) -> float:
     """ln Bayes factor of an effect from the energy that it scatters between lines; 0 for one that scatters none."""
     if not library.effect(effect).scatters:
         return 0.0

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Patch
 
-from mcstudy.gap.planned.next_trial import NextTrialRecord
-from mcstudy.gap.planned.recommendation import HEADER, described, rows, sentence, twin_sentence
-from mcstudy.gap.planned.twins import Twins
+from mcstudy.gap.trial_planning.next_trial import NextTrialRecord
+from mcstudy.gap.trial_planning.recommendation import HEADER, described, rows, sentence, twin_sentence
+from mcstudy.gap.trial_planning.twins import Twins
 from mcstudy.report.axes import axes
 from mcstudy.report.figure import Figure, Panel
 from mcstudy.report.html import Table

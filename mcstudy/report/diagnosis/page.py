@@ -8,8 +8,8 @@ from dataclasses import replace
 from mcstudy.effect_library.library import LIBRARY, size_text
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import DiagnosisRecord
-from mcstudy.gap.planned.next_trial import NextTrialRecord
 from mcstudy.gap.tables import closing, evidence, tables
+from mcstudy.gap.trial_planning.next_trial import NextTrialRecord
 from mcstudy.gap.verdict import added_name, differing_tests, effects_of, sentences
 from mcstudy.recordings.joint_recording import part_labels
 from mcstudy.report.diagnosis.data import GapData

@@ -15,8 +15,8 @@ import numpy as np
 from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.signatures import alike_groups, applicable, signatures, similarity
-from mcstudy.gap.planned.predictions import moved
-from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
+from mcstudy.gap.trial_planning.predictions import moved
+from mcstudy.gap.trial_planning.trials import PlannedTrial, SwayNoise
 from mcstudy.lines.priors import opened, weak_prior
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines

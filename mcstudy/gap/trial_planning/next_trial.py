@@ -12,9 +12,9 @@ from mcstudy.files import schema
 from mcstudy.files.json_files import plain
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnosis import DiagnosisRecord
-from mcstudy.gap.planned.choice import CYCLES, TRIALS, Option, Situation, possible_trials, ranked
-from mcstudy.gap.planned.trials import SPECTRA, PlannedTrial
-from mcstudy.gap.planned.twins import Twins, twins, twins_after
+from mcstudy.gap.trial_planning.choice import CYCLES, TRIALS, Option, Situation, possible_trials, ranked
+from mcstudy.gap.trial_planning.trials import SPECTRA, PlannedTrial
+from mcstudy.gap.trial_planning.twins import Twins, twins, twins_after
 
 LEADING = 6
 """Causes among which the pair is sought that a trial decides."""

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import fdtri, ncfdtr
 
-from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
+from mcstudy.gap.trial_planning.trials import PlannedTrial, SwayNoise
 from mcstudy.lines.labels import EDGES_HZ, NO_RESPONSE
 
 SURE = 0.95

@@ -3,8 +3,8 @@
 A hypothesis is a fitted model with the posterior covariance of its parameters, given all that was recorded. To first
 order its responses under another stimulus are normal: the mean follows from the fitted parameters, the covariance from
 theirs. The recorded data therefore enter once, through the fits. A cause outside the library predicts the base model
-and smooth torques (`mcstudy.gap.candidates.unknown`) as large as the gap that was found. Under a stimulus that was
-recorded they are known as far as the recording shows them; under another one they are independent of these.
+and smooth torques (`mcstudy.gap.candidates.free_deviations`) as large as the gap that was found. Under a stimulus that
+was recorded they are known as far as the recording shows them; under another one they are independent of these.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from mcstudy.effect_library.effect import Size
 from mcstudy.effect_library.library import LIBRARY, apply
 from mcstudy.fitting.penalised import Fitted, whiten
 from mcstudy.fitting.problem import Data
-from mcstudy.gap.candidates.unknown import free_torques
-from mcstudy.gap.planned.trials import PlannedTrial, SwayNoise
+from mcstudy.gap.candidates.free_deviations import free_torques
 from mcstudy.gap.questions.evidence import Hypothesis
+from mcstudy.gap.trial_planning.trials import PlannedTrial, SwayNoise
 from mcstudy.lines.priors import weak_prior
 from mcstudy.spectra.line_noise import LineNoise
 from mcstudy.spectra.lines import Lines

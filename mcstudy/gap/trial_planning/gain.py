@@ -1,9 +1,9 @@
 """How much a planned trial is expected to tell of the cause.
 
 Before the trial causes have posterior probabilities p. Under every hypothesis the new responses are normal
-(`mcstudy.gap.planned.predictions`), so the data of the trial come from a mixture of normal distributions, and its
-expected information about the cause is the mutual information of cause and data (Lindley 1956; Box & Hill 1967). It has
-no closed form for a mixture: responses are drawn from every hypothesis, and Bayes' rule is applied to each.
+(`mcstudy.gap.trial_planning.predictions`), so the data of the trial come from a mixture of normal distributions, and
+its expected information about the cause is the mutual information of cause and data (Lindley 1956; Box & Hill 1967). It
+has no closed form for a mixture: responses are drawn from every hypothesis, and Bayes' rule is applied to each.
 
 The diagnosis of old and new data together is not quite Bayes' rule with the present probabilities as the prior. Its
 prior of a size is as wide as the size that these data would show well (`mcstudy.gap.questions.evidence.log_prior`), and
@@ -23,7 +23,7 @@ from scipy.special import logsumexp
 
 from mcstudy.effect_library.effect import Size
 from mcstudy.gap.candidates.scores import TYPICAL_DELTA, log_factor
-from mcstudy.gap.planned.predictions import NOTHING, UNKNOWN, Belief, Predictions
+from mcstudy.gap.trial_planning.predictions import NOTHING, UNKNOWN, Belief, Predictions
 
 DRAWS = 40
 """Drawn responses per hypothesis and trial."""

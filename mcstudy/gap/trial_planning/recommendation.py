@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from mcstudy.gap.nearest_words import chance
-from mcstudy.gap.planned.choice import Option, Plan
-from mcstudy.gap.planned.next_trial import NextTrialRecord
+from mcstudy.gap.trial_planning.choice import Option, Plan
+from mcstudy.gap.trial_planning.next_trial import NextTrialRecord
 from mcstudy.text_tables import fill, number, table
 
 SHOWN = 12

@@ -23,14 +23,14 @@ GRID = np.linspace(0.5, 4.0 * TYPICAL_DELTA, 60)
 
 
 @dataclass(frozen=True)
-class Unstructured:
+class UnstructuredResidual:
     """The sum of squares under the null: ``scale`` times chi-squared with ``dof`` degrees of freedom."""
 
     scale: float
     dof: float
 
     @classmethod
-    def of(cls, null_chi2: np.ndarray, taken: int = 0) -> Unstructured:
+    def of(cls, null_chi2: np.ndarray, taken: int = 0) -> UnstructuredResidual:
         """From null samples (n,) of the sum. ``taken``: dimensions that another test covers, left out here.
 
         Few lines may leave none; one is kept, so that the distribution exists.

@@ -12,11 +12,11 @@ from mcstudy.errors import InputError
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnosis import DiagnosisRecord
-from mcstudy.gap.planned.gain import Told, told
-from mcstudy.gap.planned.predictions import Belief, Expected, Recorded, moved, predictions
-from mcstudy.gap.planned.response import SURE, chances, least_amplitude
-from mcstudy.gap.planned.trials import SPECTRA, PlannedTrial, SwayNoise
 from mcstudy.gap.questions.evidence import Hypothesis
+from mcstudy.gap.trial_planning.gain import Told, told
+from mcstudy.gap.trial_planning.predictions import Belief, Expected, Recorded, moved, predictions
+from mcstudy.gap.trial_planning.response import SURE, chances, least_amplitude
+from mcstudy.gap.trial_planning.trials import SPECTRA, PlannedTrial, SwayNoise
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.recordings.recording import AMPLITUDE, Recording

@@ -52,8 +52,9 @@ class Draws(NamedTuple):
     Attributes
     ----------
     precision: (D, N Y^2), of every line the real numbers of the estimated precision of Y outputs: its diagonal, then
-    real and imaginary part of every element above it. pulled: (D, N Y) complex, the errors times it. deviance: (D,) of the errors. exact, exact_deviance: the same for the
-    true precision, which is one. known: whether the covariance is known, so that both are the same.
+    real and imaginary part of every element above it. pulled: (D, N Y) complex, the errors times it. deviance: (D,) of
+    the errors. exact, exact_deviance: the same for the true precision, which is one. known: whether the covariance is
+    known, so that both are the same.
     """
 
     precision: np.ndarray

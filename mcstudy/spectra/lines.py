@@ -28,7 +28,8 @@ class EvenLines(Summary):
     Attributes
     ----------
     f: (M,) Hz. mean: (M, Y) Fourier coefficients of the mean over repeats, in the unit of each of Y outputs. variance:
-    (M, Y) of that mean, from the scatter of the repeats. level: (M, Y) the same from the smoothed spectrum. repeats: their number.
+    (M, Y) of that mean, from the scatter of the repeats. level: (M, Y) the same from the smoothed spectrum. repeats:
+    their number.
     """
 
     f: np.ndarray
@@ -65,7 +66,8 @@ class Lines(Summary):
     Attributes
     ----------
     f: (N,) Hz.
-    y: (N, Y) complex, mean FRF of Y outputs, in their unit per unit of the stimulus: sum over repeats of ``weight`` * ``repeats``.
+    y: (N, Y) complex, mean FRF of Y outputs in their unit per unit of the stimulus: sum over repeats of ``weight`` *
+        ``repeats``.
     noise: of ``y``: covariance and its uncertainty, null samples.
     repeats: (R, N, Y) complex FRFs whose errors are independent of each other (cycles, or blocks of segments).
     weight: (R, N) share of each repeat in the mean, columns sum to 1; repeat r has covariance noise.C / weight[r].

@@ -141,7 +141,7 @@ class NullDraws:
             for part in parts:
                 rng.standard_normal(out=part)
             parts *= np.sqrt(0.5)
-            square = rng.standard_gamma(K - i, shape) if K > i else np.zeros(shape)
+            square = rng.standard_gamma(K - i, shape) if i < K else np.zeros(shape)
             for j in range(i):
                 drawn[i, j] = parts[2 * j : 2 * j + 2].copy()
             out[i] = (np.square(parts).sum(axis=0) + square) if i else square

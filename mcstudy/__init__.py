@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from mcstudy.results.fit import FitResult
     from mcstudy.results.group_result import GroupResult
     from mcstudy.stance.body import Body
-    from mcstudy.stance.feedback import Filter, Model, Parameter, Term
+    from mcstudy.stance.feedback import Derived, Filter, Model, Parameter, Term
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
 
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 _FROM = {
     "Body": "stance.body",
     "Comparison": "results.comparison",
+    "Derived": "stance.feedback",
     "Diagnosis": "results.diagnosis",
     "Effect": "effect_library.effect",
     "Filter": "stance.feedback",
@@ -96,6 +97,7 @@ _FROM = {
 __all__ = [
     "Body",
     "Comparison",
+    "Derived",
     "Diagnosis",
     "Effect",
     "Filter",

@@ -22,7 +22,7 @@ PACKAGE = os.path.dirname(os.path.realpath(__file__))
 SCHEMAS = "results_schema"
 """Folder of schemas: beside the package, or in it where it was installed from a wheel."""
 
-SUFFIXES = (".py", ".css", ".csv", ".js", ".json")
+SUFFIXES = (".py", ".css", ".csv", ".html", ".js", ".json")
 """Files that numbers, tables and pages depend on."""
 
 APART = ("docs", "pipelines", SCHEMAS)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from html import escape
+
+from mcstudy.text_tables import Table
 
 
 class Summary(ABC):
@@ -19,8 +20,7 @@ class Summary(ABC):
         return "\n".join([type(self).__name__, *(f"  {name:{width}}  {value}" for name, value in facts)])
 
     def _repr_html_(self) -> str:
-        rows = "".join(f"<tr><th scope='row'>{escape(n)}</th><td>{escape(v)}</td></tr>" for n, v in self.facts())
-        return f"<table><caption>{escape(type(self).__name__)}</caption><tbody>{rows}</tbody></table>"
+        return Table(type(self).__name__, (), self.facts()).html()
 
 
 def shortened(text: str, most: int = 200) -> str:

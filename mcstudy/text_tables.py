@@ -12,6 +12,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from contextvars import ContextVar
+from html import escape
 from typing import NamedTuple
 
 PROSE = 118
@@ -25,17 +26,36 @@ GAP = "  "
 
 
 class Table(NamedTuple):
-    """One table; the first column names its rows. ``note``: explanation of entries that need one."""
+    """One table; the first column names its rows.
+
+    Attributes
+    ----------
+    title, header, rows: as text. note: explanation of entries that need one.
+    kind: how a page shows it: "numbers"; "facts"; "rows" and "wide", whose long cells are wrapped.
+    """
 
     title: str
-    header: list[str]
-    rows: list[list[str]]
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
     note: str = ""
+    kind: str = "numbers"
 
     def text(self, *, titled: bool = False) -> str:
         """The table with its note below, and with its title above if ``titled``."""
         parts = [self.title] * titled + [table(self.header, self.rows)] + [fill(self.note)] * bool(self.note)
         return "\n".join(parts)
+
+    def html(self) -> str:
+        """Title, columns and note for a notebook."""
+        head = "".join(f"<th scope='col'>{escape(cell)}</th>" for cell in self.header)
+        body = "".join(
+            f"<tr><th scope='row'>{escape(first)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
+            for first, *cells in self.rows
+        )
+        caption = f"<caption>{escape(self.title)}</caption>" if self.title else ""
+        heads = f"<thead><tr>{head}</tr></thead>" if head else ""
+        note = f"<p>{escape(self.note)}</p>" if self.note else ""
+        return f"<table>{caption}{heads}<tbody>{body}</tbody></table>{note}"
 
 
 _folds: ContextVar[bool] = ContextVar("folds", default=True)

@@ -22,6 +22,7 @@ import xarray as xr
 from mcstudy.analysis import accuracy, context, efficiency, neural, robust, selection
 from mcstudy.analysis import compare as comparing
 from mcstudy.analysis import correlation as correlations
+from mcstudy.analysis import derived as quantities
 from mcstudy.analysis import performance as performances
 from mcstudy.analysis import sensitivity as sensitivities
 from mcstudy.analysis.labels import PERCENT, labelled
@@ -168,7 +169,8 @@ class MonteCarlo:
     only = _of_cells(selection.only)
     stable = _of_cells(selection.stable)
     inside_bounds = _of_cells(selection.inside_bounds)
-    combined = _of_cells(selection.combined)
+    combined = _of_cells(quantities.combined)
+    derived = _of_cells(quantities.derived)
     outcomes = _of_cube(selection.outcomes)
     realizations = _of_cube(selection.realizations)
     bias = _of_cells(accuracy.bias)

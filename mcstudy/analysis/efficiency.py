@@ -15,10 +15,11 @@ import xarray as xr
 from mcstudy.analysis.accuracy import at_bound
 from mcstudy.analysis.labels import ONE, labelled, units_of
 from mcstudy.analysis.montecarlo import REALIZATION, jackknife
-from mcstudy.analysis.selection import inside_bounds, sums_of
+from mcstudy.analysis.selection import inside_bounds
 from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
 from mcstudy.fitting.standard_errors import joint_covariance, sandwich
+from mcstudy.models.quantities import quantities
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import among_all, cramer_rao, fixed_by_bounds, van_trees
 from mcstudy.stance.response import frf, frf_jacobian
@@ -60,7 +61,7 @@ def bounds_on_sd(
     Parameters
     ----------
     cells: needs ``n_frequencies`` and the coords amplitude, fmax, frequency, parameter: those of the model, or what
-        `mcstudy.analysis.selection.combined` makes of them; the variance of a sum is that of the bound's own sum.
+        `mcstudy.analysis.derived` makes of them; the variance of a quantity is, to first order, that of the bound.
     model: the bounds are at its truth.
     covariance: of the FRF errors, dims (amplitude, frequency, angle, angle_2), e.g. `measured_covariance`.
     overlap: see `mcstudy.fitting.standard_errors.joint_covariance`.
@@ -75,8 +76,8 @@ def bounds_on_sd(
     Raises `InputError` for parameters of another model.
     """
     f, truth = cells["frequency"].values, model.truth
-    members = _members(cells, model)
-    shape = (cells.sizes["amplitude"], cells.sizes["fmax"], len(members))
+    slopes = _slopes(cells, model)
+    shape = (cells.sizes["amplitude"], cells.sizes["fmax"], len(slopes))
     bound, paper, box = (np.full(shape, np.nan) for _ in range(3))
     fixed = np.zeros(shape, dtype=bool)
     why_not = np.full(shape[:2], "", dtype=object)
@@ -86,10 +87,10 @@ def bounds_on_sd(
             try:
                 joint = joint_covariance(C[:n], None if overlap is None else overlap[:n, :n])
                 alone = fixed_by_bounds(model, truth, f[:n], joint)
-                fixed[a, b] = [alone[m].any() for m in members]
-                box[a, b] = _sd_of_sums(van_trees(model, truth, f[:n], joint), members)
-                bound[a, b] = _sd_of_sums(cramer_rao(model, truth, f[:n], joint), members)
-                paper[a, b] = _sd_of_sums(linearised_covariance(model, truth, f[:n], weight[:n], joint), members)
+                fixed[a, b] = [alone[np.flatnonzero(k)].any() for k in slopes]
+                box[a, b] = _sd_of(van_trees(model, truth, f[:n], joint), slopes)
+                bound[a, b] = _sd_of(cramer_rao(model, truth, f[:n], joint), slopes)
+                paper[a, b] = _sd_of(linearised_covariance(model, truth, f[:n], weight[:n], joint), slopes)
             except InputError as error:
                 why_not[a, b] = str(error)
             except np.linalg.LinAlgError:
@@ -121,20 +122,23 @@ _HELD = ("whether its bounds hold the parameter or a part of the sum", ONE)
 _WHY_NOT = ("why there is no bound, empty where there is one", ONE)
 
 
-def _members(cells: xr.Dataset, model: Model) -> list[list[int]]:
-    """Positions among the model's parameters of what each parameter of the cells is the sum of."""
-    sums = {n: (n,) for n in model.names} | sums_of(model.names)
+def _slopes(cells: xr.Dataset, model: Model) -> list[np.ndarray]:
+    """Derivatives (P,) of each parameter of the cells, which may be a quantity derived from those of the model."""
+    known = {q.label: q.gradient for q in quantities(model)}
     names = [str(n) for n in cells["parameter"].values]
     for name in names:
-        if name not in sums:
+        if name not in known:
             raise InputError(f"parameter: expected those of model {model.name} or their sums, found {name}")
-    return [[model.names.index(n) for n in sums[name]] for name in names]
+    return [known[name](model.truth) for name in names]
 
 
-def _sd_of_sums(covariance: np.ndarray, members: list[list[int]]) -> np.ndarray:
-    """Standard deviations of sums; raises `LinAlgError` where rounding has made a variance negative."""
-    variance = np.array([covariance[np.ix_(m, m)].sum() for m in members])
-    if (variance < 0).any():
+def _sd_of(covariance: np.ndarray, slopes: list[np.ndarray]) -> np.ndarray:
+    """Standard deviations to first order; raises `LinAlgError` where rounding has made a variance negative."""
+    variance = []
+    for slope in slopes:
+        m = np.flatnonzero(slope)
+        variance.append((covariance[np.ix_(m, m)] * np.outer(slope[m], slope[m])).sum())
+    if (np.array(variance) < 0).any():
         raise np.linalg.LinAlgError("negative variance")
     return np.sqrt(variance)
 

@@ -6,27 +6,14 @@ Dataset with the dim ``start``; `best` reduces it to *cells*, on which all accur
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
 import xarray as xr
-from xarray.backends import BackendArray
-from xarray.core import indexing  # documented: "How to add a new backend", lazy loading
 
 from mcstudy.analysis.labels import ONE, label, labelled, relabelled
-from mcstudy.errors import InputError
 from mcstudy.fitting.status import NOT_RUN, USABLE, Status
-from mcstudy.study.cube.conversion import PARAMETER_UNIT
-
-COMBINED: dict[str, tuple[str, ...]] = {
-    "K11+Kpas1": ("K11", "Kpas1"),
-    "K22+Kpas2": ("K22", "Kpas2"),
-    "K+Kpas": ("K", "Kpas"),
-}
-"""Sums of the active and the passive stiffness of a joint (Goodworth & Peterka 2018, Fig. 6)."""
 
 INSIDE = "inside_bounds"
-"""Variable of `combined` cells that holds what `inside_bounds` says of the parameters they were combined from."""
+"""Variable of `mcstudy.analysis.derived` cells: what `inside_bounds` says of the parameters they follow from."""
 
 ERROR = "standard_error"
 """Variable with the standard errors of the best fit, in a cube that holds them."""
@@ -174,82 +161,3 @@ def only(cells: xr.Dataset, mask: xr.DataArray) -> xr.Dataset:
         if name in cells:
             out[name] = cells[name].where(mask)
     return relabelled(out, **{name: f"{_OF_THE_BEST[name]}, selected fits only" for name in _CONDITIONAL})
-
-
-def combined(cells: xr.Dataset) -> xr.Dataset:
-    """Best fits with active and passive stiffness of each joint summed: the paper's 10 numbers.
-
-    ``parameter`` then has ``"K11+Kpas1"`` and ``"K22+Kpas2"``; ``combined().mc`` has the statistics. Bounds of a
-    sum are not defined; ``inside_bounds`` says whether the fit touched any. Raises `InputError` when the model has no
-    such pair.
-    """
-
-    def total(x: xr.DataArray, members: list[list[int]]) -> xr.Variable:
-        weights = np.zeros((len(members), x.sizes["parameter"]))
-        for row, own in zip(weights, members, strict=True):
-            row[own] = 1.0
-        summed = xr.dot(x, xr.DataArray(weights, dims=("combined", "parameter")), dim="parameter")
-        return summed.rename(combined="parameter").transpose(*x.dims).variable
-
-    return _combined(cells, total)
-
-
-def combined_when_read(cells: xr.Dataset) -> xr.Dataset:
-    """`combined` cells in memory, whose estimates take none of their own: they are summed wherever they are read."""
-
-    def total(x: xr.DataArray, members: list[list[int]]) -> xr.Variable:
-        if x.dims[-1] != "parameter":
-            raise ValueError(f"expected parameter as the last dim, got {x.dims}")
-        return xr.Variable(x.dims, indexing.LazilyIndexedArray(SumsOfColumns(x.values, members)))
-
-    return _combined(cells, total)
-
-
-class SumsOfColumns(BackendArray):
-    """Sums of columns of an array (..., P), as an array (..., S) that xarray reads in parts."""
-
-    def __init__(self, values: np.ndarray, members: list[list[int]]) -> None:
-        self._values, self._members = values, members
-        self.shape, self.dtype = (*values.shape[:-1], len(members)), values.dtype
-
-    def __getitem__(self, key: indexing.ExplicitIndexer) -> np.ndarray:
-        basic = indexing.IndexingSupport.BASIC
-        return np.asarray(indexing.explicit_indexing_adapter(key, self.shape, basic, self._read))
-
-    def _read(self, key: tuple[int | slice, ...]) -> np.ndarray:
-        *rest, last = key
-        x = self._values[tuple(rest)]
-        if isinstance(last, slice):
-            return np.stack([x[..., own].sum(axis=-1) for own in self._members[last]], axis=-1)
-        return np.asarray(x[..., self._members[last]].sum(axis=-1))
-
-
-def _combined(cells: xr.Dataset, total: Callable[[xr.DataArray, list[list[int]]], xr.Variable]) -> xr.Dataset:
-    """`combined`, where ``total`` sums the columns of an array: those of each list are one sum."""
-    names = [str(n) for n in cells["parameter"].values]
-    groups = sums_of(names)
-    if len(groups) == len(names):
-        raise InputError(f"parameter: no active and passive stiffness to combine among {', '.join(names)}")
-    members = [[names.index(n) for n in old] for old in groups.values()]
-    out = cells.drop_dims("parameter").assign_coords(parameter=list(groups))
-    for name in ("estimate", "truth"):
-        out[name] = total(cells[name], members)
-        out[name].attrs = dict(cells[name].attrs)
-    out["parameter"] = out["parameter"].assign_attrs(cells["parameter"].attrs)
-    if PARAMETER_UNIT in cells:
-        unit = cells[PARAMETER_UNIT]
-        out = out.assign_coords({PARAMETER_UNIT: ("parameter", unit.values[[m[0] for m in members]], unit.attrs)})
-    if "at_bound" in cells:
-        out[INSIDE] = inside_bounds(cells)
-    return relabelled(
-        out,
-        estimate=f"{_OF_THE_BEST['estimate']}, active and passive stiffness summed",
-        truth="true value, active and passive stiffness summed",
-    )
-
-
-def sums_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """What `combined` makes of parameters ``names``: the parameters behind each of its own, alone or as a sum."""
-    pairs = {new: old for new, old in COMBINED.items() if set(old) <= set(names)}
-    gone = {n for old in pairs.values() for n in old}
-    return pairs | {n: (n,) for n in names if n not in gone}

@@ -9,13 +9,15 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.context import covariance_of, group_of, model_of, nearest, points_of, provenance_of
+from mcstudy.analysis.derived import combined_when_read, derived_when_read
 from mcstudy.analysis.efficiency import bounds_on_sd
 from mcstudy.analysis.search.convergence import starts_needed
-from mcstudy.analysis.selection import ERROR, best, combined_when_read, outcomes, realizations
+from mcstudy.analysis.selection import ERROR, best, outcomes, realizations
 from mcstudy.analysis.slabs import in_slabs, summed
 from mcstudy.errors import InputError
 from mcstudy.files.sections import leaves
 from mcstudy.fitting.standard_errors import overlap_of
+from mcstudy.models.quantities import quantities
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import FITTED, Group
 from mcstudy.study.instability import instability
@@ -65,14 +67,25 @@ class GroupView:
             return None
 
     @cached_property
+    def derived(self) -> xr.Dataset | None:
+        """`cells` as the quantities that the model derives from its parameters; None for one without."""
+        cells = self.cells
+        return derived_when_read(cells) if self.model.derived else None
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Units of the parameters and of the quantities derived from them, by the names that cells have."""
+        return {q.label: q.unit for q in quantities(self.model)}
+
+    @cached_property
     def bounds_on_sd(self) -> xr.Dataset | None:
         """Cramér-Rao and linearised standard deviations; None where the group has no (complete) noise covariance."""
         return self._bounds_on_sd(self.cells)
 
     @cached_property
-    def combined_bounds_on_sd(self) -> xr.Dataset | None:
-        """The same for `combined`."""
-        return None if self.combined is None else self._bounds_on_sd(self.combined)
+    def derived_bounds_on_sd(self) -> xr.Dataset | None:
+        """The same for `derived`."""
+        return None if self.derived is None else self._bounds_on_sd(self.derived)
 
     def _bounds_on_sd(self, cells: xr.Dataset) -> xr.Dataset | None:
         if self._covariance is None:
@@ -119,11 +132,6 @@ class GroupView:
         if self.group.model.declared:
             return [d for d in self.differences_from(default) if not d.startswith("model.")]
         return self.differences_from(with_model_values(default) if same else default)
-
-    @property
-    def reference(self) -> str:
-        """What it differs from, in words."""
-        return "the default settings" if self.group.model.declared else "the paper's setting"
 
     def differences_from(self, other: Group) -> list[str]:
         """Settings in which the group differs from ``other``, ``field = value`` of this group."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from html import escape
 
 from mcstudy import text_tables
@@ -61,7 +62,7 @@ def text(d: DiagnosisRecord) -> str:
 def html(d: DiagnosisRecord) -> str:
     """All tables as an HTML fragment, for a notebook."""
 
-    def row(cells: list[str], tag: str) -> str:
+    def row(cells: Sequence[str], tag: str) -> str:
         return "<tr>" + "".join(f"<{tag}>{escape(c)}</{tag}>" for c in cells) + "</tr>"
 
     return "".join(

@@ -10,12 +10,12 @@ from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.forecast import forecasts
 from mcstudy.identification.loop_stability import stability
 from mcstudy.identification.paper_cost import paper_estimate
-from mcstudy.identification.quantities import quantities
 from mcstudy.identification.settings import FitSettings
 from mcstudy.identification.simulated_coverage import nearest
 from mcstudy.identification.sway import predicted_sway
 from mcstudy.identification.trades import bodies, valleys
 from mcstudy.lines.checked_recording import CheckedRecording, discarded
+from mcstudy.models.quantities import quantities
 from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.spectra.lines import Lines, joined
 from mcstudy.spectra.measure import measure, require_noise

@@ -25,7 +25,7 @@ import numpy as np
 from mcstudy.fitting.penalised import whiten
 from mcstudy.fitting.problem import Data
 from mcstudy.identification.profile import Linearised
-from mcstudy.identification.quantities import Quantity
+from mcstudy.models.quantities import Quantity
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf_jacobian
 

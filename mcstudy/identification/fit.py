@@ -20,12 +20,12 @@ from mcstudy.identification.estimate import BANDS_HZ, Estimate
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.minimum import MISSED, Minima, search, without_prior
 from mcstudy.identification.profile import CURVE, Linearised, Profile, profiles
-from mcstudy.identification.quantities import Quantity, quantities, require_finite
 from mcstudy.identification.settings import FitMethod, FitSettings
 from mcstudy.identification.threshold import Threshold, factor, threshold
 from mcstudy.lines.checked_recording import CheckedRecording
 from mcstudy.lines.part_fits import PartFit, part_fits
 from mcstudy.lines.settling import settled
+from mcstudy.models.quantities import Quantity, quantities, require_finite
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint_recording import AnyRecording
 from mcstudy.recordings.recording import Recording

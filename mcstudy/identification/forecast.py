@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from mcstudy.identification.estimate import Estimate
-from mcstudy.identification.quantities import Quantity
+from mcstudy.models.quantities import Quantity
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import line_information, standard_errors

@@ -23,7 +23,7 @@ from mcstudy.fitting.penalised import ENDED, Fitter
 from mcstudy.fitting.problem import Data
 from mcstudy.fitting.standard_errors import wald_covariance
 from mcstudy.identification.minimum import Minima
-from mcstudy.identification.quantities import Quantity
+from mcstudy.models.quantities import Quantity
 from mcstudy.stance.feedback import Model
 
 CURVE = (1 / 6, 1 / 3, 1 / 2, 2 / 3, 5 / 6)

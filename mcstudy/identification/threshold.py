@@ -24,7 +24,7 @@ from mcstudy.identification.correction import Draws, correction
 from mcstudy.identification.curvature import curvature
 from mcstudy.identification.minimum import Minima
 from mcstudy.identification.profile import Linearised
-from mcstudy.identification.quantities import Quantity
+from mcstudy.models.quantities import Quantity
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf_jacobian
 

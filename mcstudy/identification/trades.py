@@ -20,8 +20,8 @@ from mcstudy.identification.correction import simulated
 from mcstudy.identification.estimate import Estimate
 from mcstudy.identification.minimum import Minima, without_prior
 from mcstudy.identification.profile import Profile, profiles
-from mcstudy.identification.quantities import Quantity, expression
 from mcstudy.identification.threshold import threshold
+from mcstudy.models.quantities import Quantity, expression
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream

@@ -9,16 +9,19 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, StringConstraints, field_validator, model_serializer
 
 from mcstudy.errors import DesignError, InputError, ModelError
-from mcstudy.expressions import Expression, expression
+from mcstudy.expressions import Expression, expression, shortened
 from mcstudy.files.sections import Section
+from mcstudy.models.quantities import expression as quantity_of
+from mcstudy.models.quantities import require_finite
 from mcstudy.stance.body import DELAY_MARGIN
-from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
+from mcstudy.stance.feedback import Derived, Filter, Model, Monomial, Parameter, Term
 from mcstudy.stance.polynomials import pieces, written
 from mcstudy.text_tables import similar
 
@@ -89,6 +92,18 @@ class FilterTable(Short):
     denominator: Number = 1.0
 
 
+class DerivedTable(Short):
+    """A quantity that follows from parameters and constants: ``value = "sqrt(K/J)/(2*pi)"``.
+
+    Without a name it is called as its value is written. A plain sum of parameters has their unit.
+    """
+
+    value: Annotated[str, StringConstraints(max_length=4000)]
+    name: Words = ""
+    unit: Words = ""
+    meaning: Words = ""
+
+
 class ModelTable(Short):
     """A closed loop of one or two joints, as a file declares it.
 
@@ -108,6 +123,7 @@ class ModelTable(Short):
     term: Annotated[tuple[TermTable, ...], MOST] = ()
     filter: Annotated[tuple[FilterTable, ...], MOST] = ()
     sensor_filter: dict[Symbol, Symbol] = Field(default={})
+    derived: Annotated[tuple[DerivedTable, ...], MOST] = ()
 
     def values(self) -> dict[str, float]:
         """The constants as numbers."""
@@ -140,7 +156,7 @@ class ModelTable(Short):
         measured = [self.sensor_filter.get(joint) for joint in self.joints]
         self._check_used(terms, filters)
         try:
-            return Model(
+            model = Model(
                 self.name or "model",
                 parameters,
                 terms,
@@ -154,6 +170,7 @@ class ModelTable(Short):
             )
         except ModelError as error:
             raise DesignError(str(error)) from None
+        return replace(model, derived=tuple(_derived(d, known, model) for d in self.derived))
 
     def _axes(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         if not self.joints:
@@ -309,6 +326,22 @@ def _parameter(
     return Parameter(table.name, table.unit, value, low, high, table.meaning)
 
 
+def _derived(table: DerivedTable, known: Mapping[str, float], model: Model) -> Derived:
+    """A quantity with numbers for its constants, checked at the true values of the model."""
+    where = f"derived.{shortened(table.name or table.value)}"
+    numbers = {name: f"({value!r})" for name, value in known.items()}
+    text = re.sub(r"\b[A-Za-z_]\w*", lambda m: numbers.get(m.group(), m.group()), table.value)
+    try:
+        expression(table.value, [*model.names, *known, "pi"], "derived", "sqrt(K/J)/(2*pi)")
+        quantity = quantity_of(model, text)
+        require_finite(model, [quantity], model.truth)
+    except InputError as error:
+        raise DesignError(f"{where}: {error}") from None
+    if quantity.unit and table.unit not in ("", quantity.unit):
+        raise DesignError(f"{where}.unit: expected {quantity.unit}, that of what it adds up, got {table.unit!r}")
+    return Derived(text, table.unit or quantity.unit, table.name or table.value, table.meaning)
+
+
 def _known(name: str, among: Collection[str], where: str) -> None:
     if name not in among:
         raise DesignError(f"{where}: expected one of {', '.join(among)}, got {name!r}{similar(name, among)}")
@@ -322,6 +355,7 @@ def _check_names(table: ModelTable) -> None:
         ("constant", table.constants),
         ("parameter", [p.name for p in table.parameter]),
         ("filter", [f.name for f in table.filter]),
+        ("derived", [d.name or d.value for d in table.derived]),
     ):
         for name in names:
             if name in taken:
@@ -374,6 +408,10 @@ def table_of(model: Model) -> dict[str, Any]:
         "filter": [
             {"name": f.name, "numerator": polynomial(f.numerator), "denominator": polynomial(f.denominator)}
             for f in model.filters
+        ],
+        "derived": [
+            {"value": d.value, "name": d.name if d.name != d.value else "", "unit": d.unit, "meaning": d.meaning}
+            for d in model.derived
         ],
         "sensor_filter": {j: f for j, f in zip(joints, model.output_filters, strict=False) if f is not None},
     }

@@ -16,7 +16,7 @@ import numpy as np
 
 from mcstudy.errors import InputError
 from mcstudy.expressions import shortened
-from mcstudy.identification.quantities import Quantity, expression
+from mcstudy.models.quantities import Quantity, expression
 from mcstudy.planning.multilevel import MEASURES, Measure, of_one_realization
 from mcstudy.stance.feedback import Model
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from mcstudy.report.style import SERIES, SETTINGS
@@ -35,6 +36,16 @@ def axes(ax: Axes | None, size: tuple[float, float] = (4.3, 3.2)) -> Axes:
     with styled():
         new: Axes = figure.add_subplot()
         return new
+
+
+def picture(drawings: Sequence[Callable[[Axes], object]], title: str) -> Figure:
+    """Drawings side by side, as a file of their own."""
+    with styled():
+        shown = Figure(figsize=(4.6 * len(drawings), 4.4), layout="constrained")
+        for ax, drawing in zip(shown.subplots(1, len(drawings), squeeze=False)[0], drawings, strict=True):
+            drawing(ax)
+        shown.suptitle(title, fontsize="medium")
+    return shown
 
 
 def colour_of(values: np.ndarray, value: float) -> str:

@@ -5,17 +5,19 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
 
-from mcstudy.report.axes import axes, log_axis
+from mcstudy.report.axes import axes, log_axis, picture
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
-from mcstudy.report.html import Table, escape, table, tiles
+from mcstudy.report.html import code, paragraphs, table, tiles
 from mcstudy.report.labels import with_units
 from mcstudy.report.style import COLOURS, HATCHES
 from mcstudy.stimulus_design import words
 from mcstudy.stimulus_design.design_record import StimulusDesignRecord, geometric_mean
-from mcstudy.text_tables import number, with_error
+from mcstudy.text_tables import Table, number, with_error
 
 SEQUENCE, DESIGN = COLOURS["muted"], COLOURS["orange"]
 LEGEND = [("muted", "sequence"), ("orange hatched", "design")]
@@ -23,10 +25,14 @@ LEGEND = [("muted", "sequence"), ("orange hatched", "design")]
 
 def design_page(design: StimulusDesignRecord, command: str = "mcstudy design FILE -o DIR --html page.html") -> str:
     """The page of a design; ``command``: the command that makes this page, as displayed on it."""
-    made = f"<pre><code>{escape(command)}    # this page; every number of it is in design.json</code></pre>"
+    made = code(f"{command}    # this page; every number of it is in design.json")
     parts = [
         ("stimulus", "The stimulus", _stimulus(design, command)),
-        ("difference", "The difference of the models", _difference(design) if design.distances.size else ""),
+        (
+            "difference",
+            "The difference of the models",
+            table(words.distances(design)) if design.distances.size else Markup(""),
+        ),
         ("errors", "Errors of the parameters", _errors(design, command)),
         ("bodies", "Other bodies", _bodies(design)),
         ("made", "Provenance", made),
@@ -35,7 +41,7 @@ def design_page(design: StimulusDesignRecord, command: str = "mcstudy design FIL
     return document(f"Stimulus {design.designed.file.design.name}", _introduction(design), parts, footer)
 
 
-def _introduction(design: StimulusDesignRecord) -> str:
+def _introduction(design: StimulusDesignRecord) -> Markup:
     kept = geometric_mean(design.bounded_cv[0] / design.bounded_cv[1])
     one, other = design.sizes
     entries = [("Predicted SD lower by", f"×{kept:.3g}", "geometric mean, with the bounds of the fit.")]
@@ -48,33 +54,23 @@ def _introduction(design: StimulusDesignRecord) -> str:
         ("Evoked sway", f"×{number(float(np.max(other.sway / one.sway)))}", "of the sequence's, the larger angle."),
         ("Crest factor", number(other.crest_factor), f"the sequence has {number(one.crest_factor)}."),
     ]
-    return f"<p>{escape(with_units(words.heading(design)))}</p>{tiles(entries)}"
+    return paragraphs([words.heading(design)]) + tiles(entries)
 
 
-def _stimulus(design: StimulusDesignRecord, command: str) -> str:
+def _stimulus(design: StimulusDesignRecord, command: str) -> Markup:
     drawn = Figure(
         "spectrum",
-        "",
         "Spectrum and waveform",
         ["RMS of every line of the sequence (dots) and of the design (squares), and one cycle of the design."],
         [Panel("spectrum", partial(spectrum, design)), Panel("waveform", partial(waveform, design))],
-        [],
         python="design.to_html('page.html')",
         legend=[("muted", "sequence"), ("orange", "design")],
     )
-    sizes = words.sizes(design)
-    shown = table(Table(sizes.title, sizes.header, sizes.rows, "rows"))
-    return figure(drawn, "", command) + shown + f"<p>{escape(words.limits_used(design))}</p>"
+    return figure(drawn, command) + table(words.sizes(design), "rows") + paragraphs([words.limits_used(design)])
 
 
-def _bodies(design: StimulusDesignRecord) -> str:
-    said = [words.sway_words(design), *([words.bodies_words(design)] if design.bodies else [])]
-    return "".join(f"<p>{escape(x)}</p>" for x in said)
-
-
-def _difference(design: StimulusDesignRecord) -> str:
-    distances = words.distances(design)
-    return table(Table(distances.title, distances.header, distances.rows))
+def _bodies(design: StimulusDesignRecord) -> Markup:
+    return paragraphs([words.sway_words(design), words.bodies_words(design) if design.bodies else ""])
 
 
 def spectrum(design: StimulusDesignRecord, ax: Axes | None = None) -> Axes:
@@ -104,7 +100,7 @@ def waveform(design: StimulusDesignRecord, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _errors(design: StimulusDesignRecord, command: str) -> str:
+def _errors(design: StimulusDesignRecord, command: str) -> Markup:
     found = design.spreads_at_fmax if design.spreads else None
     drawings = [("predicted, with the bounds of the fit", design.bounded_cv)]
     if found is not None:
@@ -123,7 +119,6 @@ def _errors(design: StimulusDesignRecord, command: str) -> str:
             row.append(f"×{with_error(found.ratio[k], found.ratio_error[k])}")
     drawn = Figure(
         "cv",
-        "",
         "Coefficients of variation",
         [
             "Standard deviation over the mean, in percent, on a logarithmic axis. The prediction is the Cramér-Rao "
@@ -133,7 +128,7 @@ def _errors(design: StimulusDesignRecord, command: str) -> str:
         python="design.to_html('page.html')",
         legend=LEGEND,
     )
-    return figure(drawn, "", command) + table(Table("Coefficients of variation", header, rows))
+    return figure(drawn, command) + table(Table("Coefficients of variation", header, rows))
 
 
 def cv_bars(design: StimulusDesignRecord, cv: np.ndarray, ax: Axes | None = None, title: str = "") -> Axes:
@@ -150,3 +145,13 @@ def cv_bars(design: StimulusDesignRecord, cv: np.ndarray, ax: Axes | None = None
     ax.set_xlabel("CV (%)")
     log_axis(ax.xaxis)
     return ax
+
+
+def design_picture(design: StimulusDesignRecord) -> Picture:
+    """Spectra, and coefficients of variation: of bounded fits where the design was verified, else as predicted."""
+    fits = design.spreads_at_fmax if design.spreads else None
+    cv, title = (
+        (design.cv, "predicted CV, no bounds") if fits is None else (fits.cv, f"CV of fits up to {fits.fmax:g} Hz")
+    )
+    drawings = [partial(spectrum, design), partial(cv_bars, design, cv, title=title)]
+    return picture(drawings, f"{design.designed.file.design.name}. Grey: sequence. Orange: design.")

@@ -9,56 +9,37 @@ from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 
+from markupsafe import Markup
+
 from mcstudy.files.output import write_file
-from mcstudy.report.html import escape
+from mcstudy.report.html import html, joined, templates
 from mcstudy.report.style import COLOURS, DARK
 from mcstudy.report.typeset import typeset
 
 _FIGURE = re.compile(r'<figure id="([^"]+)".*?<h3[^>]*>(.*?)</h3>', re.DOTALL)
 
+Section = tuple[str, str, Markup]
+"""Id, heading and content."""
 
-def document(title: str, introduction: str, parts: Sequence[tuple[str, str, str]], footer: str) -> str:
+
+def document(title: str, introduction: Markup, parts: Sequence[Section], footer: str) -> str:
     """A page.
 
     Parameters
     ----------
-    title, footer: text. introduction: HTML below the title.
-    parts: (id, heading, HTML) of every section; sections without HTML are left out.
+    title, footer: text. introduction: what is below the title. parts: the sections; those without content are left out.
     """
     held = [part for part in parts if part[2]]
-    contents = "".join(_entry(*part) for part in held)
-    body = "".join(
-        f'<section id="{key}" aria-labelledby="{key}-h"><h2 id="{key}-h">{escape(heading)}</h2>{content}</section>'
-        for key, heading, content in held
+    body = joined(
+        html('<section id="{0}" aria-labelledby="{0}-h"><h2 id="{0}-h">{1}</h2>{2}</section>', *part) for part in held
     )
-    script = _file("page.js")
+    contents = [(key, heading, [(k, Markup(h)) for k, h in _FIGURE.findall(c)]) for key, heading, c in held]
+    script = Markup(_file("page.js"))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     # Nothing is fetched and no other script runs, whatever a study's texts contain.
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-{digest}'; img-src data: blob:"
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
-        f"<title>{escape(title)} · mcstudy report</title><style>{_style()}</style>"
-        f"<noscript><style>{_OPEN}</style></noscript></head><body>"
-        '<a class="skip" href="#main">Skip to the results</a>'
-        f'<nav aria-label="Contents"><details><summary>Contents</summary><ul>{contents}</ul></details></nav>'
-        f'<div class="page"><header><h1>{escape(title)}</h1>{typeset(introduction)}</header>'
-        f'<main id="main" tabindex="-1">{typeset(body)}</main><footer><p>{escape(footer)}</p></footer></div>'
-        f"<script>{script}</script></body></html>\n"
-    )
-
-
-_OPEN = "details::details-content{content-visibility:visible;display:block;block-size:auto}"
-"""Without scripts everything is visible."""
-
-
-def _entry(key: str, heading: str, content: str) -> str:
-    """A section in the contents, with its figures."""
-    figures = "".join(f'<li><a href="#{k}">{text}</a></li>' for k, text in _FIGURE.findall(content))
-    within = f"<ul>{figures}</ul>" if figures else ""
-    return f'<li><a href="#{key}">{escape(heading)}</a>{within}</li>'
+    shown = (Markup(typeset(x)) for x in (introduction, body))
+    return str(templates().document(title, *shown, contents, footer, _style(), script, Markup(policy)))
 
 
 def write_page(path: str | Path, text: Callable[[], str]) -> Path:
@@ -66,12 +47,11 @@ def write_page(path: str | Path, text: Callable[[], str]) -> Path:
     return write_file(path, lambda: text().encode("utf-8", "backslashreplace"))
 
 
-def _style() -> str:
-    def variables(palette: dict[str, str]) -> str:
-        return "".join(f"--{name}:{value};" for name, value in palette.items())
-
+def _style() -> Markup:
     text = _file("page.css")
-    return text.replace("/* LIGHT */", variables(COLOURS)).replace("/* DARK */", variables(DARK))
+    for place, palette in (("/* LIGHT */", COLOURS), ("/* DARK */", DARK)):
+        text = text.replace(place, "".join(f"--{name}:{value};" for name, value in palette.items()))
+    return Markup(text)
 
 
 def _file(name: str) -> str:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
+from markupsafe import Markup
 from matplotlib.axes import Axes
 
+from mcstudy.analysis.published.publication import ALONE, Counterpart
 from mcstudy.report.frame import left_margin, share
-from mcstudy.report.html import Table, details, escape, table
+from mcstudy.report.html import html, joined, templates
 from mcstudy.report.readings import as_json
 from mcstudy.report.svg import drawn, rendered, style
+from mcstudy.text_tables import Table
 
 
 @dataclass(frozen=True)
@@ -22,14 +26,12 @@ class Panel:
     ----------
     title: what it shows. drawing: fills its axes. size: inches; a panel wider than `WIDE` has a row of its own.
     share: axes on which it compares with the figure's other panels of the same labels, e.g. ``"xy"``.
-    letter: the paper's letter of the panel, written before the title of the drawing.
     """
 
     title: str
     drawing: Callable[[Axes], object]
     size: tuple[float, float] = (4.3, 3.2)
     share: str = ""
-    letter: str = ""
 
 
 @dataclass(frozen=True)
@@ -38,23 +40,29 @@ class Figure:
 
     Attributes
     ----------
-    key: id on the page. number: the paper's number, e.g. ``"Fig. 3A"``, or empty. title: what it is about.
+    key: id on the page. title: what it is about.
     text: what it shows and how to read it. panels: the drawings. tables: the numbers behind them.
-    published: keys of the paper's results that belong here. python: the call that draws it.
-    small: whether panels are small (many in a row). legend: (palette name, label) shared by all panels; a
-    name may end in " hatched".
+    python: the call that draws it. small: whether panels are small (many in a row).
+    legend: (palette name, label) shared by all panels; a name may end in " hatched".
     """
 
     key: str
-    number: str
     title: str
     text: Sequence[str]
     panels: Sequence[Panel]
     tables: Sequence[Table] = ()
-    published: Sequence[str] = ()
     python: str = ""
     small: bool = False
     legend: Sequence[tuple[str, str]] = field(default_factory=tuple)
+
+
+def by_angle(data: object, angles: Iterable[tuple[int, str]], **drawings: Callable[..., object]) -> list[Panel]:
+    """Panels of ``data`` for every angle (its number and name), of ``drawings`` by the word for what they show."""
+    return [
+        Panel(f"{what} of {name}", partial(drawing, data, k))
+        for k, name in angles
+        for what, drawing in drawings.items()
+    ]
 
 
 def of_part(shown: Figure, k: int, label: str, owner: str) -> Figure:
@@ -69,59 +77,52 @@ def of_part(shown: Figure, k: int, label: str, owner: str) -> Figure:
 
 @dataclass(frozen=True)
 class Missing:
-    """A figure that this study cannot fill, and why."""
+    """A figure that cannot be filled, and why; ``key``: its id if it could."""
 
-    number: str
     title: str
     reason: str
+    key: str = ""
 
 
 WIDE = 6.0
 
 
-def figure(content: Figure, beside_paper: str, command: str) -> str:
-    """A figure with its panels, caption, numbers and the command that makes it."""
-    heading = f"{content.number} · {content.title}" if content.number else content.title
+def figure(content: Figure, command: str, counterpart: Counterpart = ALONE, beside: str = "") -> Markup:
+    """A figure with its panels, caption, numbers and the command that makes it; ``beside``: after the caption."""
+    heading = counterpart.heading(content.title)
     with style():
-        pictures, numbers = _pictures(content, heading)
-    panels = "".join(pictures)
-    data = f'<script type="application/json" class="readings">{as_json(numbers)}</script>'
-    keys = "".join(
-        f'<li><span class="swatch {fill}" style="background-color:var(--{colour})"></span>{escape(label)}</li>'
-        for name, label in content.legend
-        for colour, _, fill in [name.partition(" ")]
-    )
-    legend = f'<ul class="legend">{keys}</ul>' if keys else ""
-    text = "".join(f"<p>{escape(t)}</p>" for t in content.text)
-    tables = details("Numbers", "".join(table(t) for t in content.tables)) if content.tables else ""
-    how = f'<p class="how">Made by <code>{escape(command)}</code>'
-    how += f"; in Python <code>{escape(content.python)}</code></p>" if content.python else "</p>"
-    narrow = all(p.size[0] <= WIDE for p in content.panels)
-    beside = ["few"] if len(content.panels) <= 2 and narrow else []  # where the text stands on a wide screen
-    beside += ["twos"] if len(content.panels) in (2, 4) and narrow and not content.small else []
-    classes = f' class="{" ".join(beside)}"' if beside else ""
-    kind = " small" if content.small else " thirds" if len(content.panels) % 3 == 0 else ""
-    return (
-        f'<figure id="{content.key}"{classes} aria-labelledby="{content.key}-h">'
-        f'<h3 id="{content.key}-h">{escape(heading)}</h3>'
-        f'{legend}<div class="panels{kind}">{panels}</div>{data}'
-        f'<figcaption><div id="{content.key}-text">{text}</div>{beside_paper}{tables}{how}</figcaption></figure>'
-    )
+        panels, numbers = _pictures(content, heading, counterpart.letters)
+    n, narrow = len(content.panels), all(p.size[0] <= WIDE for p in content.panels)
+    # where the text is on a wide screen, and how many panels are in a row
+    classes = [*["few"] * (n <= 2 and narrow), *["twos"] * (n in (2, 4) and narrow and not content.small)]
+    kind = " small" if content.small else " thirds" if n % 3 == 0 else ""
+    texts, readings = [*content.text, *counterpart.text], Markup(as_json(numbers))
+    shown = templates().figure
+    return Markup(shown(content, heading, " ".join(classes), kind, panels, readings, texts, beside, command))
 
 
-def _pictures(content: Figure, heading: str) -> tuple[list[str], list[dict[str, Any]]]:
-    """Elements of the panels, and their readings."""
+def figures(items: Iterable[Figure | Missing], command: str) -> Markup:
+    """Figures, and below them one line for every one that is left out."""
+    held = list(items)
+    shown = joined(figure(item, command) for item in held if isinstance(item, Figure))
+    return shown + missing(item for item in held if isinstance(item, Missing))
+
+
+def _pictures(
+    content: Figure, heading: str, letters: Sequence[str]
+) -> tuple[list[tuple[bool, Markup]], list[dict[str, Any]]]:
+    """Of each panel, whether it has a row of its own and its picture; and its readings."""
     axes = [drawn(p.drawing, p.size) for p in content.panels]
-    for p, ax in zip(content.panels, axes, strict=True):
-        if p.letter:
-            ax.set_title(f"{p.letter} · {ax.get_title()}")
+    for letter, ax in zip(letters, axes, strict=False):
+        ax.set_title(f"{letter} · {ax.get_title()}")
     _share(content.panels, axes)
-    margin = max((left_margin(ax) for p, ax in zip(content.panels, axes, strict=True) if p.size[0] > WIDE), default=0.0)
+    wide = [p.size[0] > WIDE for p in content.panels]
+    margin = max((left_margin(ax) for broad, ax in zip(wide, axes, strict=True) if broad), default=0.0)
     pictures, numbers = [], []
     for i, (p, ax) in enumerate(zip(content.panels, axes, strict=True)):
-        left = margin if p.size[0] > WIDE else 0.0
+        left = margin if wide[i] else 0.0
         picture, series = rendered(ax, f"{content.key}-{i}", f"{heading}: {p.title}", f"{content.key}-text", left)
-        pictures.append(f'<div class="panel{" wide scroll" if p.size[0] > WIDE else ""}">{picture}</div>')
+        pictures.append((wide[i], Markup(picture)))
         numbers.append({"title": p.title, **series})
     return pictures, numbers
 
@@ -135,7 +136,8 @@ def _share(panels: Sequence[Panel], axes: Sequence[Axes]) -> None:
         share(members, which)
 
 
-def missing(items: Iterable[Missing]) -> str:
+def missing(items: Iterable[Missing], counterparts: Mapping[str, Counterpart] | None = None) -> Markup:
     """One line for every figure that is left out."""
-    lines = "".join(f"<li>{escape(f'{m.number} {m.title}'.strip())}: {escape(m.reason)}</li>" for m in items)
-    return f'<h3>Not shown</h3><ul class="missing">{lines}</ul>' if lines else ""
+    numbers = {m: (counterparts or {}).get(m.key, ALONE).number for m in items}
+    lines = joined(html("<li>{}: {}</li>", f"{number} {m.title}".strip(), m.reason) for m, number in numbers.items())
+    return lines and html('<h3>Not shown</h3><ul class="missing">{}</ul>', lines)

@@ -1,63 +1,62 @@
-"""Pieces of the page as HTML text; everything that comes from a study is escaped here and nowhere else."""
+"""Pieces of pages as HTML. Text is escaped wherever it enters one; what is HTML already is `Markup`."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from mcstudy.text_tables import Table
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table; the first column names its rows. ``kind``: its class on the page, see `table`."""
-
-    caption: str
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    kind: str = "numbers"
+@cache
+def templates() -> Any:
+    """The macros of ``page.html``, as functions that return `Markup`."""
+    text = files("mcstudy.report").joinpath("page.html").read_text(encoding="utf-8")
+    known = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return known.from_string(text).module
 
 
-def escape(text: object) -> str:
-    """Text for an element or an attribute."""
-    return html.escape(str(text))
+def html(form: str, *texts: object) -> Markup:
+    """HTML with texts in the place of its braces."""
+    return Markup(form).format(*texts)
 
 
-def table(content: Table, kind: str = "") -> str:
-    """A table in a box of its own that scrolls when the window is narrow.
-
-    ``kind``: its class instead of the table's own. Tables of kinds "rows" and "wide" wrap long cells.
-    """
-    kind = kind or content.kind
-    kind += " broad" if len(content.header) > 8 else ""
-    head = "".join(f'<th scope="col">{escape(h)}</th>' for h in content.header)
-    body = "".join(
-        f'<tr><th scope="row">{escape(row[0])}</th>' + "".join(f"<td>{escape(text)}</td>" for text in row[1:]) + "</tr>"
-        for row in content.rows
-    )
-    return (
-        f'<div class="scroll" role="region" tabindex="0" aria-label="{escape(content.caption)}">'
-        f'<table class="{kind}"><caption><span>{escape(content.caption)}</span></caption>'
-        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
-    )
+def joined(parts: Iterable[Markup]) -> Markup:
+    """Pieces one after the other."""
+    return Markup("").join(parts)
 
 
-def tiles(entries: Iterable[tuple[str, ...]]) -> str:
+def paragraphs(texts: Iterable[str], kind: str = "") -> Markup:
+    """A paragraph for every text that is not empty."""
+    opening = f'<p class="{kind}">' if kind else "<p>"
+    return joined(html(opening + "{}</p>", text) for text in texts if text)
+
+
+def table(content: Table, kind: str = "") -> Markup:
+    """A table with its note, in a box that scrolls when the window is narrow; ``kind``: instead of the table's own."""
+    return Markup(templates().table(content, kind or content.kind))
+
+
+def tiles(entries: Sequence[tuple[str, ...]]) -> Markup:
     """The first numbers of a page: what, number, remark and, where there is more, its id; empty without any."""
-    boxes = "".join(
-        f"<li><span>{escape(what)}</span><strong>{escape(value)}</strong><small>{escape(remark)}"
-        + "".join(f' <a href="#{key}">more</a>' for key in more)
-        + "</small></li>"
-        for what, value, remark, *more in entries
-    )
-    return boxes and f'<ul class="tiles">{boxes}</ul>'
+    return Markup(templates().tiles(entries))
 
 
-def commands(command: str) -> str:
+def code(*lines: str) -> Markup:
+    """Commands to copy."""
+    return html("<pre><code>{}</code></pre>", "\n".join(lines))
+
+
+def commands(command: str) -> Markup:
     """The command that makes a page with ``--html`` last, and the one that prints its numbers."""
-    page, numbers = escape(command), escape(command.split(" --html ")[0])
-    return f"<pre><code>{page}    # this page\n{numbers} --json    # every number of it</code></pre>"
+    return code(f"{command}    # this page", f"{command.split(' --html ')[0]} --json    # every number of it")
 
 
-def details(summary: str, content: str) -> str:
+def details(summary: str, content: Markup) -> Markup:
     """Content that opens on demand, and in print."""
-    return f"<details><summary>{escape(summary)}</summary>{content}</details>"
+    return html("<details><summary>{}</summary>{}</details>", summary, content)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from markupsafe import Markup
+
 from mcstudy.gap.trial_planning.next_trial import NextTrialRecord
 from mcstudy.gap.trial_planning.recommendation import NOTE, described, expected
 from mcstudy.report.diagnosis.next_trial import next_figure
 from mcstudy.report.document import document
 from mcstudy.report.figure import figure
-from mcstudy.report.html import Table, commands, escape, table, tiles
-from mcstudy.report.labels import with_units
-from mcstudy.text_tables import number
+from mcstudy.report.html import commands, joined, paragraphs, table, tiles
+from mcstudy.text_tables import Table, number
 
 PYTHON = "found.to_html('page.html')"
 
@@ -21,17 +22,17 @@ def next_page(found: NextTrialRecord, command: str = "mcstudy gap next REC --htm
     drawn = next_figure(found)
     rows = [[name, f"{100 * p:.0f} %"] for name, p in found.causes]
     parts = [
-        ("causes", "What is still possible", table(Table("Possible causes", ["cause", "probability"], rows, "rows"))),
-        ("next", "Possible trials", "".join(map(table, drawn.tables))),
-        ("alike", "Effects that look alike", figure(replace(drawn, tables=(), python=PYTHON), "", command)),
+        ("causes", "What is still possible", table(Table("Possible causes", ["cause", "probability"], rows), "rows")),
+        ("next", "Possible trials", joined(map(table, drawn.tables))),
+        ("alike", "Effects that look alike", figure(replace(drawn, tables=(), python=PYTHON), command)),
         ("made", "Provenance", commands(command)),
     ]
     return document(f"Which trial next: {found.name}", _introduction(found), parts, NOTE)
 
 
-def _introduction(found: NextTrialRecord) -> str:
+def _introduction(found: NextTrialRecord) -> Markup:
     best = found.best
-    said = "" if found.open else "<p>The cause is known: no further trial is needed to name it.</p>"
+    said = "" if found.open else "The cause is known: no further trial is needed to name it."
     entries = [
         ("Open before", f"{number(best.told.entropy, 2)} bits", "entropy over the causes."),
         ("Expected information", f"{number(best.told.bits, 2)} bits", "of the recommended trial."),
@@ -42,5 +43,4 @@ def _introduction(found: NextTrialRecord) -> str:
         ),
         ("Effects with a twin", f"{found.before.count} → {found.after.count}", "before and with it."),
     ]
-    recommended = escape(with_units(described(best.plan)))
-    return f"{said}<p>Recommended: {recommended}.</p>{tiles(entries)}"
+    return paragraphs([said, f"Recommended: {described(best.plan)}."]) + tiles(entries)

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Picture
 from matplotlib.ticker import MaxNLocator
 
 from mcstudy.planning import words
+from mcstudy.planning.arm import Arm
+from mcstudy.planning.fits import Design
+from mcstudy.planning.local_model import QUANTILE
 from mcstudy.planning.next_look import leading
 from mcstudy.planning.solution import SolutionRecord
-from mcstudy.report.axes import axes, legend_below, log_axis
+from mcstudy.planning.space import CYCLES
+from mcstudy.report.axes import axes, legend_below, log_axis, picture
 from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Panel, figure
-from mcstudy.report.html import Table, commands, escape, table, tiles
+from mcstudy.report.html import commands, joined, paragraphs, table, tiles
 from mcstudy.report.labels import with_units
-from mcstudy.report.solution import curve_of
 from mcstudy.report.style import COLOURS, DASHES
 from mcstudy.text_tables import number
 
 BAND, TARGET = COLOURS["orange"], COLOURS["blue"]
+POINTS = 81
 
 
 def solution_page(found: SolutionRecord, command: str = "mcstudy solve STUDY --html page.html") -> str:
@@ -36,23 +44,23 @@ def solution_page(found: SolutionRecord, command: str = "mcstudy solve STUDY --h
     return document(f"The cheapest design: {found.study.study.name}", _introduction(found), parts, footer)
 
 
-def _introduction(found: SolutionRecord) -> str:
+def _introduction(found: SolutionRecord) -> Markup:
     d, answer = found.nearest, found.answer
     entries = [
         ("Cheapest design" if answer else "Nearest design", f"{d.cycles} cycles", f"{_seconds(found)} s recorded."),
-        ("Amplitude", with_units(f"{d.amplitude:g} {words.stimulus_unit(found)}"), _interval(found, "amplitude")),
+        ("Amplitude", f"{d.amplitude:g} {words.stimulus_unit(found)}", _interval(found, "amplitude")),
         ("Highest frequency", f"{d.fmax:g} Hz", "of the fits."),
         *(
             (
                 r.target.name,
-                with_units(f"{number(r.value)} {r.target.unit}"),
-                f"{number(r.low)} to {number(r.high)}; target at most {with_units(words.limit_text(r))}.",
+                f"{number(r.value)} {r.target.unit}",
+                f"{number(r.low)} to {number(r.high)}; target at most {words.limit_text(r)}.",
             )
             for r in found.readings
         ),
         ("Fits", f"{found.spent.fits:,}".replace(",", "\u202f"), "spent by the search."),
     ]
-    return f"<p>{escape(with_units(words.statement(found)))}</p>{tiles(entries)}"
+    return paragraphs([words.statement(found)]) + tiles(entries)
 
 
 def _seconds(found: SolutionRecord) -> str:
@@ -66,15 +74,13 @@ def _interval(found: SolutionRecord, axis: str) -> str:
     return f"95 % interval {low:.4g} to {high:.4g}."
 
 
-def _measures(found: SolutionRecord, command: str) -> str:
-    cells = words.readings_table(found)
-    shown = table(Table(cells.title, cells.header, cells.rows, "rows"))
+def _measures(found: SolutionRecord, command: str) -> Markup:
+    shown = table(words.readings_table(found), "rows")
     axis, arm = leading(found.space), found.arm
     if axis is None or arm is None:
         return shown
     drawn = Figure(
         "curve",
-        "",
         f"Measures against the {axis}",
         [
             "Orange: the local model with its 95 % band. Circles: designs that were fitted, with two standard errors. "
@@ -84,7 +90,7 @@ def _measures(found: SolutionRecord, command: str) -> str:
         [Panel(t.name, partial(measure_along, found, k)) for k, t in enumerate(arm.targets)],
         python="found.to_html('page.html')",
     )
-    return figure(drawn, "", command) + shown
+    return figure(drawn, command) + shown
 
 
 def measure_along(found: SolutionRecord, k: int, ax: Axes | None = None) -> Axes:
@@ -114,6 +120,53 @@ def measure_along(found: SolutionRecord, k: int, ax: Axes | None = None) -> Axes
     return ax
 
 
-def _fitted(found: SolutionRecord) -> str:
-    shown = "".join(table(Table(t.title, t.header, t.rows)) for t in words.search_tables(found))
-    return f"<p>{escape(words.spent_words(found))}</p>{shown}"
+def _fitted(found: SolutionRecord) -> Markup:
+    return paragraphs([words.spent_words(found)]) + joined(map(table, words.search_tables(found)))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A measure along an axis, in its target's unit, with the others as in the answer.
+
+    Attributes
+    ----------
+    values: of the axis, (n,). curves: lower end, middle and upper end of the local model's 95 % band, (3, n).
+    looks: fitted designs on the axis: its value, the measure, one standard error.
+    """
+
+    values: np.ndarray
+    curves: np.ndarray
+    looks: list[tuple[float, float, float]]
+
+
+def curve_of(found: SolutionRecord, arm: Arm, axis: str, k: int) -> Curve:
+    """The measure of target ``k`` along ``axis``."""
+    target, d = arm.targets[k], found.nearest
+    low, high = map(float, found.space.cycles if axis == CYCLES else found.space.amplitude)
+    values = np.geomspace(low, high, POINTS)
+    cycles = values if axis == CYCLES else np.full(POINTS, float(d.cycles))
+    amplitude = np.full(POINTS, d.amplitude) if axis == CYCLES else values
+    band = arm.bands(cycles, amplitude)[k]
+    ends = np.stack([band.value + side * QUANTILE * band.error for side in (-1, 0, 1)])
+    curves = (ends if target.measure.signed else np.exp(ends)) * target.limit
+    looks = [
+        (at, look.found[k].value * target.limit, look.found[k].error * target.limit)
+        for look in arm.looks
+        if (at := _along(look.design.cycles, look.design.amplitude, axis, d)) is not None
+    ]
+    return Curve(values, curves, looks)
+
+
+def _along(cycles: int, amplitude: float, axis: str, at: Design) -> float | None:
+    """Where a design lies on the axis; None where its other value is not that of the answer."""
+    if axis == CYCLES:
+        return float(cycles) if abs(amplitude / at.amplitude - 1) < 0.02 else None
+    return amplitude if cycles == at.cycles else None
+
+
+def solution_picture(found: SolutionRecord) -> Picture:
+    """The measure of every target along the leading axis; without such an axis, the picture says so."""
+    arm, title = found.arm, f"{found.study.study.name}. Blue: target, and 95 % interval of the answer."
+    if arm is None or leading(found.space) is None:
+        return picture([lambda ax: ax.set_axis_off()], "No axis along which a measure could be drawn.")
+    return picture([partial(measure_along, found, k) for k in range(len(arm.targets))], title)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 
 from mcstudy.errors import ModelError
 from mcstudy.stance import anthropometry
-from mcstudy.stance.feedback import ANGLES, NO_ANGLE, NO_ROW, ROWS, Model, Parameter, Term
+from mcstudy.stance.feedback import ANGLES, NO_ANGLE, NO_ROW, ROWS, Derived, Model, Parameter, Term
 from mcstudy.stance.provenance import BODY, stand_in
 from mcstudy.stance.ranges import Range, within
 
@@ -242,6 +242,9 @@ SINGLE = tuple(name for name, kind in KINDS.items() if kind.one_segment)
 PASSIVE = {"two_segment": "Kpas1", "one_segment": "Kpas"}
 """The passive stiffness of the ankle, by model; the paper states it."""
 
+STIFFNESSES = {"two_segment": (("K11", "Kpas1"), ("K22", "Kpas2")), "one_segment": (("K", "Kpas"),)}
+"""Active and passive stiffness of each joint, whose sum is a quantity of its own (Goodworth & Peterka 2018, Fig. 6)."""
+
 
 def stimulus_terms(kind: str, body: Body, feedback: Iterable[Term] = ()) -> tuple[Term, ...]:
     """b(s) of a stimulus kind.
@@ -405,4 +408,5 @@ def _model(
         (*inertia, *feedback, *stimulus_terms(stimulus, body, feedback)),
         stimulus_unit=STIMULI[stimulus],
         provenance=stand_in(PASSIVE[name], replaced, weights),
+        derived=tuple(Derived(f"{active} + {passive}", "N m/rad") for active, passive in STIFFNESSES[name]),
     )

@@ -24,6 +24,7 @@ import numpy as np
 from mcstudy.errors import InputError, ModelError
 from mcstudy.expressions import expression
 from mcstudy.stance.polynomials import pieces
+from mcstudy.stance.provenance import with_replaced
 
 ROWS = ("hip", "ankle")
 """Names of the two torque balances, in the order of the rows of A(s)."""
@@ -164,6 +165,31 @@ class Term:
         return first if self.late is None else (*first, self.late)
 
 
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """A quantity that follows from the parameters, ``Derived("sqrt(K/J)/(2*pi)", "Hz", "fn")``.
+
+    Attributes
+    ----------
+    value
+        Arithmetic of parameters, numbers and ``pi``, with sqrt, exp and log (`mcstudy.expressions`).
+    unit
+        Its unit.
+    name
+        What it is called; its ``value`` by default.
+    meaning
+        Description in one line.
+    """
+
+    value: str
+    unit: str
+    name: str = ""
+    meaning: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.name or self.value)
+
+
 def _weights(text: str, angles: tuple[str, ...]) -> tuple[float, float, float] | None:
     """Weights of a sum of angles, None for what is none."""
     try:
@@ -220,6 +246,8 @@ class Model:
         (`mcstudy.stance.joint`); empty for a single stimulus, whose responses may be asked for at any frequencies.
     unit
         Unit of the angles.
+    derived
+        Quantities that follow from the parameters and are reported with them (`Derived`).
 
     Raises
     ------
@@ -238,9 +266,10 @@ class Model:
     provenance: str = field(default="", compare=False)
     blocks: tuple[Block, ...] = ()
     unit: str = "rad"
+    derived: tuple[Derived, ...] = ()
 
     def __post_init__(self) -> None:
-        for what in ("parameters", "terms", "filters"):
+        for what in ("parameters", "terms", "filters", "derived"):
             object.__setattr__(self, what, tuple(getattr(self, what)))
         if not self.rows:
             rows = ROWS if self.angles == ANGLES else tuple(a for a in reversed(self.angles) if a != NO_ANGLE)
@@ -393,7 +422,9 @@ class Model:
     def with_values(self, values: Mapping[str, float]) -> Model:
         """This model with other nominal values (bounds unchanged); raises `ModelError` on an unknown name."""
         self._check_names(values)
-        return replace(self, parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in self.parameters))
+        parameters = tuple(replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
+        replaced = [p.name for p in self.parameters if values.get(p.name, p.value) != p.value]
+        return replace(self, parameters=parameters, provenance=with_replaced(self.provenance, replaced, self.names))
 
     def with_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> Model:
         """This model with other bounds; raises `ModelError` on an unknown name or a value left outside."""

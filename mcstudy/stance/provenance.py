@@ -9,8 +9,14 @@ LOST = "stand-in: the paper's Table I is lost"
 REPLACED = "; replaced by the study file: "
 """Before the names of the true values that a study file states, and "body" where it states another one."""
 
-OWN_VALUES = "your values (study file)"
-"""Origin of true values that a study file states for every parameter."""
+OWN = "your values"
+"""Origin of true values that replace those of every parameter."""
+
+OWN_VALUES = f"{OWN} (study file)"
+"""The same where a study file states them."""
+
+REPLACED_IN_PYTHON = "; replaced by your values: "
+"""Before the names of the true values that a program replaces (`Model.with_values`)."""
 
 BODY = "body"
 """Stands for inertia and gravity among the names of what was replaced."""
@@ -41,4 +47,11 @@ def own_values(own_body: bool) -> str:
 
 def another_body(provenance: str) -> bool:
     """Whether true values of this origin are the user's own in part, so that the body is not the one of the paper."""
-    return provenance.startswith(OWN_VALUES) or REPLACED in provenance
+    return provenance.startswith(OWN) or REPLACED in provenance or REPLACED_IN_PYTHON in provenance
+
+
+def with_replaced(provenance: str, replaced: Collection[str], every: Collection[str]) -> str:
+    """Origin of the values of a model of this origin after a program ``replaced`` some of ``every`` parameter's."""
+    if not replaced or not provenance:
+        return provenance
+    return OWN if len(replaced) == len(every) else provenance + REPLACED_IN_PYTHON + ", ".join(replaced)

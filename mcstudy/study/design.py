@@ -34,7 +34,7 @@ from mcstudy.study.group import (
     StudySection,
 )
 from mcstudy.study.models import with_model_values
-from mcstudy.text_tables import counted
+from mcstudy.text_tables import Table, counted
 
 __all__ = [
     "FITTED",
@@ -142,20 +142,19 @@ class Study(Section):
 
     def _repr_html_(self) -> str:
         """Notebook display: the groups and their numbers of fits."""
-        rows = "".join(
-            f"<tr><th scope='row'>{html.escape(name)}</th><td>{g.realizations}</td>"
-            f"<td>{g.starts_in_words if g.until_certain else g.starts}</td>"
-            f"<td>{_listed(g.fmax)}</td><td>{_listed(g.amplitude)}</td>"
-            f"<td>{html.escape(g.model.title)}</td><td>{g.fit.cost}, {g.fit.solver}</td><td>{g.fits}</td></tr>"
+        rows = [
+            [
+                name,
+                str(g.realizations),
+                g.starts_in_words if g.until_certain else str(g.starts),
+                *(_listed(g.fmax), _listed(g.amplitude), g.model.title, f"{g.fit.cost}, {g.fit.solver}", str(g.fits)),
+            ]
             for name, g in self.groups.items()
-        )
+        ]
         columns = ("group", "realizations", "starts", "Fmax (Hz)", "amplitude", "model", "fit", "fits")
-        head = "".join(f"<th scope='col'>{c}</th>" for c in columns)
-        return (
-            f"<h3>Study {html.escape(self.study.name)}</h3><p>{html.escape(self.study.description)}</p>"
-            f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-            f"<p>{self.fits} fits, seed {self.study.seed}, fingerprint {self.fingerprint[:12]}</p>"
-        )
+        note = f"{self.fits} fits, seed {self.study.seed}, fingerprint {self.fingerprint[:12]}"
+        head = f"<h3>Study {html.escape(self.study.name)}</h3><p>{html.escape(self.study.description)}</p>"
+        return head + Table("", columns, rows, note).html()
 
     def numbers(self) -> dict[str, Any]:
         """All settings that change a number of the cube, as plain JSON values (without the description)."""

@@ -24,8 +24,8 @@ from mcstudy.identification.fit import fit, fit_lines
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.minimum import search, without_prior
 from mcstudy.identification.profile import profiles
-from mcstudy.identification.quantities import parameter
 from mcstudy.identification.settings import FitSettings
+from mcstudy.models.quantities import parameter
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf, frf_jacobian

@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.analysis.published.publication import PageTable, Publication, Row
+from mcstudy.analysis.published.publication import Publication, Row
 from mcstudy.analysis.show.text import ours
+from mcstudy.text_tables import Table
+from mcstudy_goodworth2018.counterparts import COUNTERPARTS, HEADLINE
 from mcstudy_goodworth2018.paper.published import (
     AMPLITUDES_NM,
     CONVERGENCE_FMAX_HZ,
@@ -21,6 +23,7 @@ from mcstudy_goodworth2018.paper.published import (
 
 if TYPE_CHECKING:
     from mcstudy.analysis.view import GroupView, StudyView
+    from mcstudy.report.document import Section
     from mcstudy.report.study.context import Context
 
 _READING = (
@@ -43,7 +46,7 @@ _SETS = {
 """Sets of parameters of Table II."""
 
 
-def _table_ii(published: Mapping[str, dict[str, Any]]) -> PageTable | None:
+def _table_ii(published: Mapping[str, dict[str, Any]]) -> Table | None:
     """Mean |bias| as the paper's Table II lays it out: sets of parameters by Fmax."""
     if not published:
         return None
@@ -52,7 +55,7 @@ def _table_ii(published: Mapping[str, dict[str, Any]]) -> PageTable | None:
         cells = [published.get(f"{key}_{f:g}") for f in FMAX_HZ]
         lines.append([what, *(x for r in cells for x in ((r["paper_text"], ours(r)) if r else ("–", "–")))])
     header = ["mean |bias| (%)", *(x for f in FMAX_HZ for x in (f"{f:g} Hz: paper", "ours ± MCSE"))]
-    return "Table II · Bias by Fmax, mean of 3 and 5 N·m", header, lines
+    return Table("Table II · Bias by Fmax, mean of 3 and 5 N·m", header, lines)
 
 
 def _rows(study: StudyView) -> list[Row]:
@@ -79,23 +82,23 @@ def _group(role: str, study: StudyView) -> GroupView | None:
     return groups.noise_free(study, fmax, least)
 
 
-def _section(context: Context, beside: Sequence[tuple[Path, Context | None]]) -> tuple[str, str, str]:
+def _section(_: Context, beside: Sequence[tuple[Path, Context | None]]) -> Section:
     from mcstudy_goodworth2018.alternatives.sections import alternatives
 
-    return alternatives(context, beside)
+    return alternatives(beside)
 
 
 provider = Publication(
     reference=PAPER,
+    name="the paper",
     rows=_rows,
-    needs="A comparison needs a group with two segments, a torque at the ankle, and the paper's cost, Fmax and "
-    "amplitudes.",
     reading=[text.format(**{kind: margin for kind, (margin, _) in MARGINS.items()}) for text in _READING],
     claims=VARIANTS,
     claims_about=_claims_about,
     group=_group,
-    fmax=FMAX_HZ,
     settings=METHODS,
+    counterparts=COUNTERPARTS,
+    headline=HEADLINE,
     table=_table_ii,
     section=_section,
 )

@@ -23,9 +23,9 @@ from mcstudy.fitting.problem import Data
 from mcstudy.identification.correction import Draws
 from mcstudy.identification.minimum import ITERATIONS, TOLERANCE, Minima, distinct, standing
 from mcstudy.identification.profile import Linearised
-from mcstudy.identification.quantities import Quantity
 from mcstudy.identification.threshold import threshold
 from mcstudy.lines.base_fit import drawn_starts
+from mcstudy.models.quantities import Quantity
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.stability import growth_rate
 

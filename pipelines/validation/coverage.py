@@ -24,8 +24,8 @@ from mcstudy.identification.correction import Draws, simulated
 from mcstudy.identification.fit import fit_lines
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.minimum import without_prior
-from mcstudy.identification.quantities import quantities
 from mcstudy.identification.settings import FitSettings
+from mcstudy.models.quantities import quantities
 from mcstudy.spectra.cycle_noise import understatement
 from mcstudy.spectra.even_lines import EvenLineCovariance, half_width
 from mcstudy.spectra.line_noise import LineNoise

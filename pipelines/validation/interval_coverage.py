@@ -38,8 +38,8 @@ from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError
 from mcstudy.files.durable import replacing
 from mcstudy.fitting.compilers import cores
-from mcstudy.identification.quantities import quantities
 from mcstudy.identification.simulated_coverage import Covered
+from mcstudy.models.quantities import quantities
 from mcstudy.stance.body import two_segment
 from pipelines.validation.coverage import (
     ABOUT,

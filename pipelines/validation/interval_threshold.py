@@ -29,7 +29,7 @@ from mcstudy.fitting.problem import Data
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.correction import Draws
 from mcstudy.identification.minimum import ITERATIONS, TOLERANCE, without_prior
-from mcstudy.identification.quantities import Quantity, quantities
+from mcstudy.models.quantities import Quantity, quantities
 from mcstudy.stance.body import two_segment
 from mcstudy.streams import stream
 from pipelines.validation.at_truth import STIFF, judged, starts

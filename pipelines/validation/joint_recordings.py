@@ -39,10 +39,10 @@ from mcstudy.gap.settings import DiagnosisSettings
 from mcstudy.gap.trial_planning.trials import PlannedTrial, SwayNoise
 from mcstudy.gap.trial_planning.twins import Twins, twins_of_design
 from mcstudy.identification.fit import fit_lines
-from mcstudy.identification.quantities import quantities
 from mcstudy.identification.settings import FitSettings
 from mcstudy.lines.checked_recording import checked_recording, given_model
 from mcstudy.lines.settings import LineSettings
+from mcstudy.models.quantities import quantities
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import Body, two_segment

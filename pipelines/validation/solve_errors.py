@@ -28,7 +28,7 @@ import numpy as np
 from scipy.stats import binomtest, norm
 from solve_against_grid import CASES, FMAX, NOMINAL, Grid, crossing, study_of
 
-from mcstudy.identification.quantities import expression
+from mcstudy.models.quantities import expression
 from mcstudy.planning.fits import LINEARISED, TRUTH, Design
 from mcstudy.planning.multilevel import MEASURES, Draws, difference_of, estimated, relative_cost
 from mcstudy.planning.solve import solve_study

@@ -13,15 +13,16 @@ import pytest
 import xarray as xr
 
 import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
-from mcstudy.analysis import accuracy, selection
+from mcstudy.analysis import accuracy, derived, selection
 from mcstudy.errors import InputError, StoreError
 
 Cube = Callable[..., xr.Dataset]
 
 ON_CUBE = (
-    "best", "combined", "outcomes", "realizations", "bias", "absolute_bias_percent", "mean_absolute_bias_percent", "sd",
-    "cv", "rmse", "at_bound", "unstable", "j_nc", "j_nc_within", "starts_needed", "starts_needed_quantiles",
-    "minimum_curve", "asymptote", "basins", "stable", "inside_bounds", "efficiency",
+    "best", "combined", "derived", "outcomes", "realizations", "bias", "absolute_bias_percent",
+    "mean_absolute_bias_percent", "sd", "cv", "rmse", "at_bound", "unstable", "j_nc", "j_nc_within",
+    "starts_needed", "starts_needed_quantiles", "minimum_curve", "asymptote", "basins", "stable", "inside_bounds",
+    "efficiency",
 )  # fmt: skip
 
 
@@ -116,7 +117,7 @@ def test_reading_the_whole_cube_at_once_would_have_been_noticed(make_cube: Cube)
 def test_methods_work_on_cells_as_on_the_cube(make_cube: Cube) -> None:
     cube = make_cube()
     xr.testing.assert_identical(cube.mc.bias(), cube.mc.best().mc.bias())
-    xr.testing.assert_identical(cube.mc.combined().mc.cv(), accuracy.cv(selection.combined(selection.best(cube))))
+    xr.testing.assert_identical(cube.mc.combined().mc.cv(), accuracy.cv(derived.combined(selection.best(cube))))
     assert cube.mc.best().mc.j_nc().dims == ("amplitude", "fmax", "realization")
     stable = cube.mc.only(cube.mc.stable()).mc.bias()
     assert (stable["n"] <= cube.mc.bias()["n"]).all()

@@ -11,7 +11,8 @@ from scipy.optimize import lsq_linear
 
 import mcstudy.analysis.registration  # noqa: F401 - registers .mc
 from mcstudy.analysis import efficiency
-from mcstudy.analysis.selection import best, combined
+from mcstudy.analysis.derived import combined
+from mcstudy.analysis.selection import best
 from mcstudy.errors import InputError
 from mcstudy.fitting.problem import paper_cost
 from mcstudy.fitting.standard_errors import joint_covariance, overlap_of

@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 from mcstudy_goodworth2018.paper import explanations
 from mcstudy_goodworth2018.paper.explanations import _REASONS, explain_row
+from mcstudy_goodworth2018.paper.published import PAPER
 from mcstudy_goodworth2018.paper.statements import RESULTS
 
-from mcstudy.analysis.show.text import paper_title
+from mcstudy.analysis.show.text import comparison_title
 from mcstudy.analysis.view import GroupView
 from mcstudy.stance.body import two_segment
 
@@ -56,7 +57,8 @@ def test_the_users_own_values_are_no_stand_in(make_cube: Cube) -> None:
         assert view.provenance.startswith(origin)
         assert view.provenance.endswith(": K11") == (len(truth) == 1)
         assert view.provenance.endswith("the body is the paper's") == (len(truth) > 1)
-        title = paper_title({"groups": {"a": {"truth_provenance": view.provenance}}})
+        paper = {"reference": PAPER, "rows": [{}]}
+        title = comparison_title({"groups": {"a": {"truth_provenance": view.provenance}}, "paper": paper})
         assert title.startswith("Another body") == bool(truth)
         assert any("stand-in" in text for text in texts(cube).values()) == (not truth)
 

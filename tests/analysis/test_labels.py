@@ -80,7 +80,7 @@ STATISTICS: dict[str, dict[str, str]] = {
 }
 """Methods that return statistics; the units of their variables that are not pure numbers."""
 
-SELECTIONS = ("best", "combined")
+SELECTIONS = ("best", "combined", "derived")
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mcstudy.analysis import accuracy, selection, slabs
+from mcstudy.analysis import accuracy, derived, selection, slabs
 from mcstudy.errors import InputError
 from mcstudy.fitting.status import Status
 
@@ -89,7 +89,7 @@ def test_conditional_statistics_leave_the_others_out_and_say_how_many(make_cube:
 
 def test_combined_stiffness_is_the_sum_of_active_and_passive(make_cube: Cube) -> None:
     cells = selection.best(make_cube())
-    ten = selection.combined(cells)
+    ten = derived.combined(cells)
     assert ten.sizes["parameter"] == 10
     total = cells["estimate"].sel(parameter="K11") + cells["estimate"].sel(parameter="Kpas1")
     np.testing.assert_allclose(ten["estimate"].sel(parameter="K11+Kpas1"), total)
@@ -100,7 +100,7 @@ def test_combined_stiffness_is_the_sum_of_active_and_passive(make_cube: Cube) ->
 def test_one_missing_realization_stays_missing_in_the_sum(make_cube: Cube) -> None:
     cube = make_cube()
     cube["status"][0, 0, 0] = Status.PENDING
-    ten = selection.combined(selection.best(cube))
+    ten = derived.combined(selection.best(cube))
     assert ten["estimate"][0, 0, 0].isnull().all()
     assert ten["estimate"].isnull().sum() == 10
 
@@ -108,7 +108,7 @@ def test_one_missing_realization_stays_missing_in_the_sum(make_cube: Cube) -> No
 def test_a_model_without_pairs_cannot_be_combined(make_cube: Cube) -> None:
     cells = selection.best(make_cube()).sel(parameter=["K12", "Td1"])
     with pytest.raises(InputError, match="no active and passive stiffness"):
-        selection.combined(cells)
+        derived.combined(cells)
 
 
 def test_best_fits_read_in_slabs_are_those_read_at_once(make_cube: Cube, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,7 +137,7 @@ def test_counts_summed_over_slabs_are_those_of_all_at_once(make_cube: Cube, monk
 
 def test_sums_that_are_read_in_parts_are_the_combined_ones(make_cube: Cube) -> None:
     cells = selection.best(make_cube(realizations=7))
-    ten, lazy = selection.combined(cells), selection.combined_when_read(cells)
+    ten, lazy = derived.combined(cells), derived.combined_when_read(cells)
     xr.testing.assert_identical(lazy, ten)
     for part in ({"realization": slice(2, 5), "parameter": 0}, {"parameter": [9, 1], "fmax": 0}):
         xr.testing.assert_identical(lazy["estimate"].isel(part), ten["estimate"].isel(part))

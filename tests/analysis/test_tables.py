@@ -149,12 +149,12 @@ def test_a_study_the_paper_says_nothing_about_has_no_accuracy_rows(make_cube: Cu
     assert "stand-in" in text
 
 
-def test_what_differs_from_the_papers_settings_is_said(make_cube: Cube) -> None:
+def test_what_differs_from_the_default_settings_is_said(make_cube: Cube) -> None:
     bounds = {"bounds": {"lower": 0.5}}
     report = report_of(tree(a=make_cube(model=bounds), b=make_cube()))
     assert report.data["groups"]["a"]["differences"] == ["model.bounds.lower = 0.5"]
     assert report.data["groups"]["b"]["differences"] == []
-    assert "Differs from the paper's setting in: model.bounds.lower = 0.5" in report.text()
+    assert "Differs from the default settings in: model.bounds.lower = 0.5" in report.text()
 
 
 def test_json_conforms_to_its_schema_and_holds_no_nan(paper_report: Report) -> None:

@@ -39,7 +39,6 @@ def iterations_figure(context: Context) -> Figure:
     view = context.main
     return Figure(
         "iterations",
-        "",
         "Iterations of every start",
         ["Mean over realizations of the iterations of each start."],
         [Panel("iterations", partial(figures.iterations_by_start, view, None, None))],
@@ -71,7 +70,7 @@ def test_a_figure_of_a_study_is_a_panel_its_name_and_its_caption(tmp_path: Path)
         names, "\n__all__ = [", "\nfrom mcstudy.report.figures.iterations import iterations_by_start\n\n__all__ = ["
     )
     copy.edit(names, '    "parameter_bars",', '    "iterations_by_start",\n    "parameter_bars",')
-    copy.edit(search, "_by_starts(context)]", "_by_starts(context), iterations_figure(context)]")
+    copy.edit(search, "one_start(context)]", "one_start(context), iterations_figure(context)]")
     text = (copy.folder / search).read_text(encoding="utf-8")
     copy.edit(search, text[-40:], text[-40:] + CAPTION)
     (copy.folder / "study.toml").write_text(EIGHT_FITS, encoding="utf-8")

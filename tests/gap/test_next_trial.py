@@ -161,7 +161,7 @@ def test_text_and_json_say_what_the_object_says(answer: NextTrial) -> None:
 
 
 def test_the_page_shows_which_effects_look_alike_before_and_after(answer: NextTrial) -> None:
-    shown = figure(next_figure(answer), "", "mcstudy gap report REC --next")
+    shown = figure(next_figure(answer), "mcstudy gap report REC --next")
     assert 'id="twins"' in shown  # the section that it stands in is "next"
     assert all(name in shown for name in answer.before.effects)
     assert answer.sentence(answer.best) in html.unescape(shown)
@@ -174,7 +174,7 @@ def test_the_page_of_next_trials_shows_causes_trials_and_the_map(answer: NextTri
         page.index(f'<section id="{key}"') for key in ("causes", "next", "alike")
     )
     assert all(name in shown for name, _ in answer.causes)
-    assert all(described(o.plan) in shown for o in answer.options[:SHOWN])
+    assert all(described(o.plan).replace("N m", "N·m") in shown for o in answer.options[:SHOWN])
     assert f"{answer.before.count} → {answer.after.count}" in shown
     assert twin_sentence(answer) in shown
 

@@ -15,9 +15,9 @@ from mcstudy.fitting.penalised import whiten
 from mcstudy.fitting.problem import Data
 from mcstudy.identification.belief import gap_found
 from mcstudy.identification.paper_cost import averaged, paper_estimate
-from mcstudy.identification.quantities import expression
 from mcstudy.identification.sway import predicted_sway
 from mcstudy.identification.trades import bodies, elongations
+from mcstudy.models.quantities import expression
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate, roots_chebyshev

@@ -17,7 +17,7 @@ from mcstudy.fitting.penalised import Fitter, whiten
 from mcstudy.fitting.problem import Data
 from mcstudy.identification.bounds import bounded
 from mcstudy.identification.minimum import without_prior
-from mcstudy.identification.quantities import quantities
+from mcstudy.models.quantities import quantities
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf

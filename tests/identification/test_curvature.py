@@ -12,7 +12,7 @@ from mcstudy.fitting.problem import Data
 from mcstudy.identification.curvature import MOST, _excess, curvature
 from mcstudy.identification.minimum import without_prior
 from mcstudy.identification.profile import Linearised
-from mcstudy.identification.quantities import Quantity, expression, quantities
+from mcstudy.models.quantities import Quantity, expression, quantities
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import two_segment
 from mcstudy.streams import stream

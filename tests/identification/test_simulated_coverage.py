@@ -9,8 +9,8 @@ import pytest
 import mcstudy as mc
 from mcstudy.files import schema
 from mcstudy.identification import words
-from mcstudy.identification.quantities import quantities
 from mcstudy.identification.simulated_coverage import LEAST, MOST, Covered, nearest, simulated
+from mcstudy.models.quantities import quantities
 from mcstudy.report.person import figures
 from mcstudy.spectra.measure import measure
 from mcstudy.stance.body import two_segment

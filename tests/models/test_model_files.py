@@ -46,6 +46,7 @@ PENDULUM: dict[str, Any] = {
 def changed(path: str, value: object) -> dict[str, Any]:
     """The pendulum with one value of its table replaced; None takes it away."""
     raw: dict[str, Any] = tomllib.loads(written(checked_table(PENDULUM)))["model"]
+    raw.setdefault("derived", [])
     *outer, last = path.split(".")
     place: Any = raw
     for key in outer:
@@ -185,6 +186,28 @@ def test_a_term_may_sense_a_sum_of_joints_with_weights() -> None:
         ("term.2.filter", "lag", "model.term.2.filter: expected the name of a filter, one of muscle, got 'lag'"),
         ("term.4", None, "model.term: expected one that senses the stimulus"),
         ("angles", ["a", "b"], "model.angles: expected one name for each of 1 joints, got 2"),
+        (
+            "derived.+",
+            {"value": "K + Q"},
+            "model.derived.K + Q: derived 'K + Q': expected names among K",
+        ),
+        (
+            "derived.+",
+            {"value": "K", "name": "B"},
+            "model.derived.B: expected a name of its own, got one",
+        ),
+        ("derived.+", {"value": "1/(K - 1.5*mgh)", "name": "q"}, "model.derived.q: quantity '1/(K - 1.5*(610.6725))'"),
+        (
+            "derived.+",
+            {"value": "m*g", "name": "q"},
+            "model.derived.q: quantity '(75.0)*(9.81)': expected a",
+        ),
+        ("derived.+", {"value": "__import__('os')"}, "model.derived.__import__('os'): derived"),
+        (
+            "derived.+",
+            {"value": "K + 3", "unit": "N"},
+            "model.derived.K + 3.unit: expected N m/rad, that of",
+        ),
         ("sensor_filter", {"ankle": "x"}, "model.sensor_filter.ankle: expected one of muscle, got 'x'"),
     ],
 )

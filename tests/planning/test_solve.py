@@ -20,8 +20,7 @@ from mcstudy.planning.local_model import LocalModel, Prediction
 from mcstudy.planning.multilevel import MEASURES, Draws, Estimate, estimated
 from mcstudy.planning.space import space_of
 from mcstudy.planning.targets import parse_targets
-from mcstudy.report.solution import solution_svg
-from mcstudy.report.solution_page import solution_page
+from mcstudy.report.solution_page import solution_page, solution_picture
 from mcstudy.stance.body import two_segment
 
 STUDY = mc.Study("small", seed=2).group(
@@ -71,9 +70,10 @@ def test_everything_found_is_written(found: Any) -> None:
     assert not found.flat
     words = replace(found, flat=True).text().replace("\n", " ")
     assert "cv(K11 + Kpas1) changes less than the amplitude there: it is known to ±" in words
-    svg = solution_svg(found)
-    assert svg.count("<circle") == len(found.looks)
-    assert "cv(K11 + Kpas1)" in svg
+    (panel,) = solution_picture(found).axes
+    (fitted,) = [line for line in panel.lines if line.get_label() == "fitted"]
+    assert len(fitted.get_xdata()) == len(found.looks)
+    assert "cv(K11 + Kpas1)" in panel.get_ylabel()
     page = solution_page(found)
     assert 'id="curve"' in page
     assert all(f"{look.design.amplitude:.4g}" in page for look in found.looks)

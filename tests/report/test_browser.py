@@ -158,7 +158,7 @@ def test_the_pointer_reads_the_value_that_was_plotted(browser: Browser, paper_pa
     """Over the mean of a bar of Fig. 5, at its place on the screen."""
     browser.open(paper_page, 1600)
     name, x, y, value = browser.evaluate("""(() => {
-      const figure = document.getElementById('fig5'), svg = figure.querySelector('svg.plot');
+      const figure = document.getElementById('estimates'), svg = figure.querySelector('svg.plot');
       figure.scrollIntoView({behavior: 'instant'});
       const panel = JSON.parse(figure.querySelector('script.readings').textContent)[0];
       const bars = panel.series.find(s => s.n === '5 N·m'), box = svg.getBoundingClientRect();
@@ -175,7 +175,7 @@ def test_the_pointer_reads_the_value_that_was_plotted(browser: Browser, paper_pa
 def test_a_click_on_a_heading_sorts_its_column_as_numbers(browser: Browser, paper_page: Path) -> None:
     browser.open(paper_page, 1600)
     truths = browser.evaluate("""(() => {
-      const table = document.querySelector('#fig5 table');
+      const table = document.querySelector('#estimates table');
       table.closest('details').open = true;
       table.tHead.rows[0].cells[1].querySelector('button').click();
       return [...table.tBodies[0].rows].map(r => parseFloat(r.cells[1].textContent));
@@ -209,7 +209,8 @@ def test_every_figure_offers_files_and_its_svg_stands_alone(browser: Browser, pa
       const seen = {}, real = URL.createObjectURL;
       URL.createObjectURL = blob => { seen[blob.type] = blob; return real(blob); };
       HTMLAnchorElement.prototype.click = () => {};
-      for (const b of document.querySelectorAll('#fig5 h3 + .tools button')) if (b.textContent !== 'Enlarge') b.click();
+      for (const b of document.querySelectorAll('#estimates h3 + .tools button'))
+        if (b.textContent !== 'Enlarge') b.click();
       for (let i = 0; i < 100 && !seen['image/png']; i++) await new Promise(r => setTimeout(r, 50));
       return Object.fromEntries(await Promise.all(Object.entries(seen).map(
         async ([k, b]) => [k, k === 'image/png' ? String(b.size) : await b.text()])));

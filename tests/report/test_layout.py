@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from matplotlib.axes import Axes
 
+from mcstudy.analysis.published.publication import Counterpart
 from mcstudy.report.figure import Figure, Panel, figure
 from mcstudy.report.frame import frame, place
 from mcstudy.report.svg import drawn, style
@@ -20,13 +21,15 @@ def drawing(title: str, ax: Axes) -> None:
     ax.set_title(title)
 
 
-def shown(n: int, *, small: bool = False, letter: str = "") -> str:
-    panels = [Panel(f"panel {k}", partial(drawing, "no noise"), letter=letter) for k in range(n)]
-    return figure(Figure("one", "Fig. 9", "Title", ["Text."], panels, small=small), "", "mcstudy report OUT")
+def shown(n: int, *, small: bool = False, letters: str = "") -> str:
+    panels = [Panel(f"panel {k}", partial(drawing, "no noise")) for k in range(n)]
+    content = Figure("one", "Title", ["Text."], panels, small=small)
+    return figure(content, "mcstudy report OUT", Counterpart("Fig. 9", letters=letters))
 
 
 def test_a_panel_carries_the_letter_of_the_paper() -> None:
-    assert shown(1, letter="B").count("B · no noise") == 1
+    assert shown(2, letters="AB").count("B · no noise") == 1
+    assert "Fig. 9 · Title</h3>" in shown(1)
     assert "· no noise" not in shown(1)
 
 

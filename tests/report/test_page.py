@@ -20,6 +20,7 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
+from mcstudy_goodworth2018.counterparts import COUNTERPARTS
 from mcstudy_goodworth2018.paper.rows import rows
 
 from mcstudy import open_results, program
@@ -30,7 +31,7 @@ from mcstudy.exits import Exit
 from mcstudy.report.figure import Figure
 from mcstudy.report.page import page
 from mcstudy.report.study.context import Context
-from mcstudy.report.study.search import paper_search_figures
+from mcstudy.report.study.search import search_figures
 from mcstudy.report.study.tables import headline
 from mcstudy.report.typeset import typeset
 from mcstudy.scheduler.cluster import ClusterOptions
@@ -41,8 +42,8 @@ from mcstudy.study.run import run_study
 from mcstudy.text_tables import with_error
 
 VOID = {"meta", "link", "br", "path", "use", "img", "input", "hr"}
-PAPER_FIGURES = ["fig1", "fig2a", "fig2b", "fig2c", "fig2d", "fig3a", "fig3b", "fig3c"]
-PAPER_FIGURES += ["fig4", "fig5", "fig6", "fig7a", "fig7b", "fig7c", "pairs", "waterfall", "atlas", "bystarts"]
+PAPER_FIGURES = {key for key, has in COUNTERPARTS.items() if has.number} - {"body", "parameters"}
+FURTHER_FIGURES = {"responses_with_noise", "pairs", "waterfall", "atlas", "bystarts", "onestart"}
 
 
 class Reader(HTMLParser):
@@ -144,10 +145,10 @@ def test_a_study_like_the_papers_has_every_figure_and_every_published_number(
     paper_page: Path, paper_tree: xr.DataTree
 ) -> None:
     text = paper_page.read_text(encoding="utf-8")
-    assert set(PAPER_FIGURES) <= set(Reader(text).figures)
+    assert set(Reader(text).figures) >= PAPER_FIGURES | FURTHER_FIGURES
+    shown = html.unescape(text)
     for row in rows(StudyView(paper_tree)):
-        label = html.escape(row.published.label.replace("N m", "N·m"))
-        assert f'<th scope="row">{label}</th>' in text
+        assert f'<th scope="row">{row.published.label.replace("N m", "N·m")}</th>' in shown
 
 
 def test_an_efficiency_that_means_nothing_is_not_shown(paper_page: Path, paper_tree: xr.DataTree) -> None:
@@ -159,7 +160,7 @@ def test_an_efficiency_that_means_nothing_is_not_shown(paper_page: Path, paper_t
 
 def test_panels_that_compare_share_their_axes(paper_page: Path) -> None:
     text = paper_page.read_text(encoding="utf-8")
-    for key, shared in (("fig3c", "xy"), ("fig7c", "x")):
+    for key, shared in (("controller_error_with_noise", "xy"), ("influence", "x")):
         figure = text[text.index(f'<figure id="{key}"') :]
         data = re.search(r'class="readings">(.*?)</script>', figure)
         assert data is not None
@@ -171,9 +172,9 @@ def test_panels_that_compare_share_their_axes(paper_page: Path) -> None:
 
 def test_what_does_not_apply_is_left_out_with_a_reason(other_page: Path) -> None:
     text = other_page.read_text(encoding="utf-8")
-    assert "fig3a" not in Reader(text).figures
-    assert "Fig. 3A Without noise, a low cost means correct controllers: the study has no group without noise" in text
-    assert "there is nothing to compare" in text
+    assert "controller_error" not in Reader(text).figures
+    assert "<li>Without noise, a low cost means correct controllers: the study has no group without noise" in text
+    assert '<section id="published"' not in text
 
 
 @pytest.mark.parametrize("study_page", ["paper_page", "other_page"])
@@ -220,7 +221,7 @@ def test_an_explanation_that_serves_several_numbers_is_given_once(paper_tree: xr
     context = Context(paper_tree)
     for key in ("spread_fmax", "spread_amplitude_0.41"):
         context.published[key]["explanation"] = "Bounds at 3 N m."
-    text = headline(context)
+    text = typeset(headline(context))
     assert text.count("Bounds at 3 N·m.") == 1
     assert text.count('<a href="#note-1">[1]</a>') == 2
 
@@ -248,8 +249,8 @@ def test_a_kept_page_is_drawn_again_when_style_or_script_changed(
     page(other_cube)
     monkeypatch.setattr("mcstudy.report.study.page.study_page", lambda *_: "drawn again")
     assert page(other_cube) != "drawn again"
-    dress = {f"report/{f.name}" for f in files("mcstudy.report").iterdir() if f.name.endswith((".css", ".js"))}
-    assert dress == {"report/page.css", "report/page.js"}
+    dress = {f"report/{f.name}" for f in files("mcstudy.report").iterdir() if f.name.endswith((".css", ".html", ".js"))}
+    assert dress == {"report/page.css", "report/page.html", "report/page.js"}
     assert dress < set(program.STARTED)  # a change of one is a change of the program
     monkeypatch.setattr(program, "source", lambda *_: "0" * 64)
     assert page(other_cube) == "drawn again"
@@ -315,6 +316,30 @@ def test_groups_that_differ_in_the_solver_alone_share_the_figure_of_starts(tmp_p
     assert context.pools is not None
     assert context.pools.name == "lm"
     assert [view.name for view in context.other_solvers] == ["emulated"]
-    (figure,) = [f for f in paper_search_figures(context) if f.number == "Fig. 3B"]
+    (figure,) = [f for f in search_figures(context) if f.key == "starts"]
     assert isinstance(figure, Figure)
     assert [panel.title.split(",")[0] for panel in figure.panels] == ["group lm", "group emulated"]
+
+
+def test_a_study_of_ones_own_names_no_publication(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = {p.name: 0.97 * p.value for p in two_segment().parameters}
+    model = {"truth": own, "body": {"J2": 7.2}}
+    axes = {"realizations": 3, "starts": 2, "fmax": [1.2], "amplitude": [4.0]}
+    hip, study = {"kind": "hip_torque"}, Study("own", seed=3)
+    study = study.group("noisy", **axes, model=model, fit={"cost": "ml"})
+    study = study.group("hip", **axes, model=model, fit={"cost": "ml"}, stimulus=hip)
+    study = study.group("exact", **axes | {"realizations": 1}, model=model, simulator="none", stimulus=hip)
+    out = tmp_path / "out.zarr"
+    run_study(study, out, ClusterOptions(workers=1))
+    assert main(["show", str(out)]) == main(["show", str(out), "--json"]) == Exit.DONE
+    assert main(["report", str(out), "-o", str(tmp_path / "own.html")]) == Exit.DONE
+    shown = capsys.readouterr().out + html.unescape((tmp_path / "own.html").read_text(encoding="utf-8"))
+    assert "your values (study file); the body is yours, too" in shown
+    assert re.findall(r".{0,60}(?:Goodworth|Table I|Fig\. |the paper).{0,60}", shown) == []
+
+
+def test_values_replaced_in_python_are_not_called_those_of_a_publication() -> None:
+    model = two_segment()
+    assert model.with_values({}).provenance == model.provenance
+    assert model.with_values({"K11": 900.0}).provenance.endswith("; replaced by your values: K11")
+    assert model.with_values({p.name: 1.1 * p.value for p in model.parameters}).provenance == "your values"

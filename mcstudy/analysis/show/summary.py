@@ -199,7 +199,7 @@ def _reader(result: xr.Dataset, *dims: str) -> Callable[..., dict[str, Any]]:
 
 
 def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
-    """Per parameter (and combined stiffness), a function from a cell's position to its entry."""
+    """Per parameter and derived quantity, a function from a cell's position to its entry."""
     single = _measures(view.cells)
     bounds = accuracy.at_bound(view.cells)
     for side in ("lower", "upper"):
@@ -210,15 +210,12 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     single |= _of_errors(view.cells)
     if view.bounds_on_sd is not None:
         single["efficiency"] = efficiency(view.cells, view.bounds_on_sd)
-    units = dict(zip(view.model.names, view.model.units, strict=True))
-    entries = _entries(view.cells, list(view.model.names), units, single)
-    if view.combined is not None:
-        new = [str(n) for n in view.combined["parameter"].values if str(n) not in units]
-        together = view.combined.sel(parameter=new)
-        sums = _measures(together)
-        if view.combined_bounds_on_sd is not None:
-            sums["efficiency"] = efficiency(together, view.combined_bounds_on_sd.sel(parameter=new))
-        entries += _entries(together, new, units, sums)
+    entries = _entries(view.cells, view.units, single)
+    if view.derived is not None:
+        further = _measures(view.derived)
+        if view.derived_bounds_on_sd is not None:
+            further["efficiency"] = efficiency(view.derived, view.derived_bounds_on_sd)
+        entries += _entries(view.derived, view.units, further)
     return entries
 
 
@@ -234,18 +231,16 @@ def _of_errors(cells: xr.Dataset) -> dict[str, xr.Dataset]:
 
 
 def _entries(
-    cells: xr.Dataset, names: list[str], units: dict[str, str], measures: dict[str, xr.Dataset]
+    cells: xr.Dataset, units: dict[str, str], measures: dict[str, xr.Dataset]
 ) -> list[Callable[[int, int], dict[str, Any]]]:
-    every = [str(n) for n in cells["parameter"].values]
     readers = {key: _reader(result, "amplitude", "fmax", "parameter") for key, result in measures.items()}
     truth = cells["truth"].values
 
-    def entry(name: str) -> Callable[[int, int], dict[str, Any]]:
-        p = every.index(name)
-        fixed = {"name": name, "unit": units[name.split("+")[0]], "truth": json_number(truth[p])}
+    def entry(p: int, name: str) -> Callable[[int, int], dict[str, Any]]:
+        fixed = {"name": name, "unit": units[name], "truth": json_number(truth[p])}
         return lambda a, f: {**fixed, **{key: read(a, f, p) for key, read in readers.items()}}
 
-    return [entry(name) for name in names]
+    return [entry(p, str(name)) for p, name in enumerate(cells["parameter"].values)]
 
 
 _MEASURES: dict[str, PlainStatistic] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from mcstudy.analysis.measures import MEASURES
@@ -9,7 +10,6 @@ from mcstudy.analysis.published.publication import cited
 from mcstudy.analysis.published.verdict_names import AGREES, LIMIT
 from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
-from mcstudy.models import DESCRIPTIONS
 from mcstudy.stance.provenance import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
 
@@ -52,7 +52,7 @@ def ours(row: dict[str, Any]) -> str:
 
 
 def verdict(row: dict[str, Any]) -> str:
-    """The verdict in words, with what would settle it; a dash where the paper gives nothing to compare with."""
+    """The verdict in words, with what would settle it; a dash where the publication gives nothing to compare with."""
     limits = {"realizations": f"n = {row['needed']}", "paper's error": "paper's error", "definition": "definition"}
     limit = limits.get(row["limited_by"] or "")
     return (row["verdict"] or "-") + (f" ({limit})" if limit else "")
@@ -65,10 +65,11 @@ def within(rows: list[dict[str, Any]]) -> str:
     return f"Within {LIMIT:g} standard errors of both studies: {sum(near)} of {len(near)} rows."
 
 
-def paper_title(data: dict[str, Any]) -> str:
+def comparison_title(data: dict[str, Any]) -> str:
     """Title of the comparison; it says so if a study's own true values make another body."""
+    name = cited(data["paper"]["reference"]).name
     own = any(another_body(group["truth_provenance"]) for group in data["groups"].values())
-    return "Another body compared with the paper's" if own else "Comparison with the paper"
+    return f"Another body compared with that of {name}" if own else f"Comparison with {name}"
 
 
 def _paper(data: dict[str, Any]) -> str:
@@ -82,7 +83,7 @@ def _paper(data: dict[str, Any]) -> str:
             mark += f" [{notes.index(row['explanation']) + 1}]"
         body.append([row["label"], row["paper_text"], ours(row), number(row["distance"], 2), mark])
     lines = [
-        f"{paper_title(data)} ({paper['reference']})",
+        f"{comparison_title(data)} ({paper['reference']})",
         "± is one Monte Carlo standard error (MCSE)",
         "",
         table(["", "paper", "ours ± MCSE", "z", "verdict"], body),
@@ -94,8 +95,8 @@ def _paper(data: dict[str, Any]) -> str:
         f"{number(r['floor'], 2)} ({r['label'].removeprefix('mean |bias|, ')})" for r in paper["rows"] if r["floor"]
     ]
     if floors:
-        chance = "Mean |bias| from chance alone (floor), for unbiased estimates from 50 realizations, in %: "
-        lines.append(fill(chance + "; ".join(floors) + "."))
+        chance = "Mean |bias| from chance alone (floor), of unbiased estimates with the published realizations, in %"
+        lines.append(fill(f"{chance}: {'; '.join(floors)}."))
     for row in paper["rows"]:
         if row["detail"]:
             lines.append(fill(f"{row['label']}; ours: {row['detail']}", "    "))
@@ -133,12 +134,12 @@ def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
 
 
 def _claims(comparison: dict[str, Any]) -> str:
-    """The paper's claims about one group, each statement with its verdict."""
+    """Published claims about one group, each statement with its verdict."""
     out, said = [], ""
     for v in comparison["claims"]:
         if v["claim"] != said:
             said = v["claim"]
-            out.append("\n" + fill(f"The paper on {comparison['group']}: {said} ({v['where']})"))
+            out.append("\n" + fill(f"Published on {comparison['group']}: {said} ({v['where']})"))
         head, difference = MEASURES[v["measure"]].head, with_error(v["value"], v["mcse"])
         out.append(f"    {head} {v['expected']} at {v['fmax']:g} Hz: {v['verdict']} ({difference})")
     return "\n".join(out)
@@ -154,17 +155,17 @@ def _group(name: str, group: dict[str, Any]) -> str:
         f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
     )
     if group["differences"]:
-        reference = "the paper's setting" if d["model"] in DESCRIPTIONS else "the default settings"
-        differences = f"Differs from {reference} in: {'; '.join(group['differences'])}"
+        differences = f"Differs from the default settings in: {'; '.join(group['differences'])}"
         head += "\n" + fill(differences, "    ")
     for note in group["notes"]:
         head += "\n" + fill(note, "    ")
     parts = [head, _overview(d, group["cells"])]
     if d["simulator"] != "none":  # without noise and averaging every bias is rounding
-        parts += [_parameters(d, group["cells"], f) for f in d["fmax"]]
-        parts += [found for f in d["fmax"] if (found := _on_bounds(d, group["cells"], f))]
-        parts += [found for f in d["fmax"] if (found := _standard_errors(d, group["cells"], f))]
-    return "\n\n".join(parts)
+        by_fmax = [[c for c in group["cells"] if c["fmax"] == f] for f in d["fmax"]]
+        parts += [_parameters(d, here) for here in by_fmax]
+        parts += [_on_bounds(d, here) for here in by_fmax]
+        parts += [_standard_errors(d, here) for here in by_fmax]
+    return "\n\n".join(filter(None, parts))
 
 
 def _count(value: float | None) -> str:
@@ -210,59 +211,76 @@ def _columns(statistic: CellStatistic, entry: dict[str, Any]) -> list[str]:
     return [text, *[number(_scaled(entry.get("floor"), statistic.factor), 2)] * statistic.floor]
 
 
-def _parameters(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
-    here = [c for c in cells if c["fmax"] == fmax]
-    efficient = any(_efficiency(p) != "-" for c in here for p in c["parameters"])
-    header = [f"{fmax:g} Hz", "truth"]
-    for c in here:
-        a = f"{c['amplitude']:g} {design['amplitude_unit']}"
-        header += [f"bias % ({a})", "CV", "on bound %"] + ["efficiency"] * efficient
-    rows = []
-    for i, first in enumerate(here[0]["parameters"]):
-        line = [first["name"], f"{number(first['truth'])} {first['unit']}"]
-        for c in here:
-            p = c["parameters"][i]
-            scale = 100 / abs(p["truth"]) if p["truth"] else None
-            bias = [None if scale is None or p["bias"][k] is None else scale * p["bias"][k] for k in ("value", "mcse")]
-            bounds = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
-            on = number(100 * sum(bounds), 2) if bounds and None not in bounds else "-"
-            line += [with_error(*bias), with_error(p["cv"]["value"], p["cv"]["mcse"]), on]
-            line += [_efficiency(p)] * efficient
-        rows.append(line)
+Columns = Callable[[dict[str, Any]], list[str]]
+"""The cells of one parameter at one amplitude."""
+
+
+def _by_parameter(
+    design: dict[str, Any],
+    here: list[dict[str, Any]],
+    heads: Sequence[str],
+    wanted: Callable[[dict[str, Any]], bool],
+    columns: Columns,
+    truth: bool = False,
+) -> str:
+    """Rows of the parameters that are ``wanted`` at some amplitude, ``columns`` of each; empty without any.
+
+    ``heads``: of the columns; the first names the amplitude. ``truth``: whether a column gives the true values.
+    """
+    rows = [
+        [first["name"], *[f"{number(first['truth'])} {first['unit']}"] * truth, *(x for p in same for x in columns(p))]
+        for same in zip(*(c["parameters"] for c in here), strict=True)
+        for first in [same[0]]
+        if any(map(wanted, same))
+    ]
+    first, *others = heads
+    repeated = [h for c in here for h in (f"{first} ({c['amplitude']:g} {design['amplitude_unit']})", *others)]
+    return table([f"{here[0]['fmax']:g} Hz", *["truth"] * truth, *repeated], rows) if rows else ""
+
+
+def _percent(p: dict[str, Any]) -> float | None:
+    """Factor from the unit of a parameter to percent of its truth."""
+    return 100 / abs(p["truth"]) if p["truth"] else None
+
+
+def _with_error(entry: dict[str, Any], scale: float | None = 1.0) -> str:
+    return with_error(*(_scaled(entry[k], scale) for k in ("value", "mcse")))
+
+
+def _share_on_bounds(p: dict[str, Any]) -> float | None:
+    """Fraction of the estimates on a bound, where it is known."""
+    bounds = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
+    return sum(bounds) if bounds and None not in bounds else None
+
+
+def _parameters(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
     said = [_efficiency(p) for c in here for p in c["parameters"]]
+    efficient = set(said) != {"-"}
+
+    def columns(p: dict[str, Any]) -> list[str]:
+        on = number(_scaled(_share_on_bounds(p), 100), 2)
+        return [_with_error(p["bias"], _percent(p)), _with_error(p["cv"]), on, *[_efficiency(p)] * efficient]
+
+    heads = ["bias %", "CV", "on bound %", *["efficiency"] * efficient]
     without, boxed, fixed = "-" in said, any(s.endswith(_BOX) for s in said), "fixed" in said
-    return table(header, rows) + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
+    shown = _by_parameter(design, here, heads, lambda _: True, columns, truth=True)
+    return shown + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
 
 
 OFTEN = 0.05
 """Fraction of estimates on a bound from which their median and quantiles are printed, too."""
 
 
-def _on_bounds(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
+def _on_bounds(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
     """Median, MAD and quantiles of the parameters whose estimates are often on a bound; empty if there are none."""
 
-    def often(p: dict[str, Any]) -> bool:
-        on = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
-        return bool(on) and None not in on and sum(on) >= OFTEN
+    def columns(p: dict[str, Any]) -> list[str]:
+        ends = [number(_scaled(p[f"quantile_{q}"]["value"], _percent(p)), 3) for q in ("05", "95")]
+        return [*(_with_error(p[key], _percent(p)) for key in ("median_bias", "mad")), " to ".join(ends)]
 
-    here = [c for c in cells if c["fmax"] == fmax]
-    wanted = [i for i in range(len(here[0]["parameters"])) if any(often(c["parameters"][i]) for c in here)]
-    if not wanted:
-        return ""
-    header = [f"{fmax:g} Hz"]
-    for c in here:
-        header += [f"median bias % ({c['amplitude']:g} {design['amplitude_unit']})", "MAD %", "5 to 95 %"]
-    rows = []
-    for i in wanted:
-        line = [here[0]["parameters"][i]["name"]]
-        for p in (c["parameters"][i] for c in here):
-            scale = 100 / abs(p["truth"]) if p["truth"] else None
-            for key in ("median_bias", "mad"):
-                line.append(with_error(*(_scaled(p[key][k], scale) for k in ("value", "mcse"))))
-            ends = [number(_scaled(p[f"quantile_{q}"]["value"], scale), 3) for q in ("05", "95")]
-            line.append(" to ".join(ends))
-        rows.append(line)
-    return table(header, rows) + (
+    heads = ["median bias %", "MAD %", "5 to 95 %"]
+    shown = _by_parameter(design, here, heads, lambda p: (_share_on_bounds(p) or 0.0) >= OFTEN, columns)
+    return shown and shown + (
         "\nEstimates on bounds: median bias and median absolute deviation (MAD), and 5th to 95th percentile, in % of "
         "the truth.\nWhere estimates pile up on two bounds, the mean lies where few are, and the SD is that of the box."
     )
@@ -272,24 +290,16 @@ def _scaled(x: float | None, scale: float | None) -> float | None:
     return None if x is None or scale is None else scale * x
 
 
-def _standard_errors(design: dict[str, Any], cells: list[dict[str, Any]], fmax: float) -> str:
+def _standard_errors(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
     """How true the standard errors are; empty for a cube without them."""
-    here = [c for c in cells if c["fmax"] == fmax]
-    known = [i for i, p in enumerate(here[0]["parameters"]) if "coverage" in p]
-    if not known:
-        return ""
-    header = [f"{fmax:g} Hz"]
-    for c in here:
-        header += [f"SE off % ({c['amplitude']:g} {design['amplitude_unit']})", "holds truth %", "holds mean %", "of"]
-    rows = []
-    for i in known:
-        line = [here[0]["parameters"][i]["name"]]
-        for p in (c["parameters"][i] for c in here):
-            line.append(with_error(p["se_relative_error"]["value"], p["se_relative_error"]["mcse"]))
-            line += [share_with_ends(p[key]) for key in ("coverage", "bias_eliminated_coverage")]
-            line.append(_count(p["coverage"]["used"]))
-        rows.append(line)
-    return table(header, rows) + (
+
+    def columns(p: dict[str, Any]) -> list[str]:
+        shares = [share_with_ends(p[key]) for key in ("coverage", "bias_eliminated_coverage")]
+        return [_with_error(p["se_relative_error"]), *shares, _count(p["coverage"]["used"])]
+
+    heads = ["SE off %", "holds truth %", "holds mean %", "of"]
+    shown = _by_parameter(design, here, heads, lambda p: "coverage" in p, columns)
+    return shown and shown + (
         "\nStandard errors (SE) of the fits. SE off: their root mean square against the SD of the estimates. holds: "
         "share of\n95 % intervals, estimate ± 1.96 SE, that hold the truth or the mean estimate "
         "[95 % interval]. of: realizations\nwith a standard error; with the parameter on a bound there is none."

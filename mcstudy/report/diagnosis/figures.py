@@ -9,6 +9,7 @@ from matplotlib.patches import Patch
 from mcstudy.report.axes import axes, frequency_axis, legend_below, log_axis
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.style import COLOURS, DASHES
+from mcstudy.stance.feedback import Model
 
 BEFORE, AFTER, MEASURED = COLOURS["orange"], COLOURS["blue"], COLOURS["ink"]
 
@@ -33,13 +34,13 @@ def response_gain(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes
     a, f = data.averages, _curve(data)
     level = np.abs(data.before(a.f)[:, angle])
     gain, noise = level * np.abs(a.ratio[:, angle]), level * REAL * a.sd[:, angle]
-    _measured(ax, a.f, gain, noise, lowest=0.02 * gain)
+    draw_measured(ax, a.f, gain, noise, lowest=0.02 * gain)
     _models(
         ax, data, f, np.abs(data.before(f)[:, angle]), None if (h := data.after(f)) is None else np.abs(h[:, angle])
     )
     log_axis(ax.yaxis)
     frequency_axis(ax, data.lines.f)
-    ax.set_ylabel(f"gain ({_unit(data)})")
+    ax.set_ylabel(f"gain ({gain_unit(data.model)})")
     return _titled(ax, data, angle)
 
 
@@ -49,7 +50,7 @@ def response_phase(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axe
     a, f = data.averages, _curve(data)
     phases = data.phases(f, angle)
     noise = np.degrees(_phase_noise(a.sd[:, angle], a.ratio[:, angle]))
-    _measured(ax, a.f, np.degrees(phases.measured), noise)
+    draw_measured(ax, a.f, np.degrees(phases.measured), noise)
     _models(ax, data, f, np.degrees(phases.base), None if phases.added is None else np.degrees(phases.added))
     frequency_axis(ax, data.lines.f)
     ax.set_ylabel("phase (°)")
@@ -60,7 +61,7 @@ def misfit_gain(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
     """Measured gain minus that of the base model, in percent of it, with a 95 % band; and the model with the cause."""
     ax = axes(ax)
     a = data.averages
-    _measured(ax, a.f, 100 * (np.abs(a.ratio[:, angle]) - 1), 100 * REAL * a.sd[:, angle])
+    draw_measured(ax, a.f, 100 * (np.abs(a.ratio[:, angle]) - 1), 100 * REAL * a.sd[:, angle])
     moved = _moved(data, angle)
     _models(ax, data, _curve(data), np.zeros(CURVE_POINTS), None if moved is None else 100 * (np.abs(moved) - 1))
     _clipped(ax, 100 * (np.abs(np.stack([a.ratio[:, angle], a.after[:, angle]])) - 1), 8.0, lowest=-105)
@@ -76,7 +77,7 @@ def misfit_phase(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes:
     phases = data.phases(f, angle)
     measured = np.degrees(phases.measured - np.interp(a.f, f, phases.base))
     moved = None if phases.added is None else np.degrees(phases.added - phases.base)
-    _measured(ax, a.f, measured, np.degrees(_phase_noise(a.sd[:, angle], a.ratio[:, angle])))
+    draw_measured(ax, a.f, measured, np.degrees(_phase_noise(a.sd[:, angle], a.ratio[:, angle])))
     _models(ax, data, f, np.zeros(CURVE_POINTS), moved)
     _clipped(ax, measured if moved is None else np.concatenate([measured, moved]), 5.0)
     frequency_axis(ax, data.lines.f)
@@ -157,7 +158,10 @@ def _phase_noise(sd: np.ndarray, ratio: np.ndarray) -> np.ndarray:
     return np.asarray(np.minimum(REAL * sd / np.abs(ratio), np.pi))
 
 
-def _measured(ax: Axes, f: np.ndarray, value: np.ndarray, noise: np.ndarray, lowest: np.ndarray | None = None) -> None:
+def draw_measured(
+    ax: Axes, f: np.ndarray, value: np.ndarray, noise: np.ndarray, lowest: np.ndarray | None = None
+) -> None:
+    """Measured values with their 95 % noise band, which does not go below ``lowest``."""
     low = value - noise if lowest is None else np.maximum(value - noise, lowest)  # a log axis has no zero
     ax.fill_between(f, low, value + noise, color=MEASURED, alpha=0.16, linewidth=0)
     ax.plot(f, value, "o", color=MEASURED, markersize=3.5, markerfacecolor="none", label="measured, 95 % noise")
@@ -175,8 +179,9 @@ def _clipped(ax: Axes, values: np.ndarray, least: float, lowest: float = -np.inf
     ax.set_ylim(max(-most, lowest), most)
 
 
-def _unit(data: GapData) -> str:
-    unit = data.model.stimulus_unit.replace(" ", "·")
+def gain_unit(model: Model) -> str:
+    """Unit of the gain of an angle."""
+    unit = model.stimulus_unit.replace(" ", "·")
     return f"rad/({unit})" if "·" in unit else f"rad/{unit}"
 
 

@@ -14,8 +14,8 @@ from mcstudy.gap.trial_planning.recommendation import HEADER, described, rows, s
 from mcstudy.gap.trial_planning.twins import Twins
 from mcstudy.report.axes import axes
 from mcstudy.report.figure import Figure, Panel
-from mcstudy.report.html import Table
 from mcstudy.report.style import COLOURS
+from mcstudy.text_tables import Table
 
 STEPS = (0.5, 0.8, 0.95)
 """Limits of the shades of \\|cosine\\|; effects above the last one are twins."""
@@ -54,7 +54,6 @@ def next_figure(found: NextTrialRecord) -> Figure:
     """The section of the page: the map before and after, and the table of trials."""
     return Figure(
         "twins",
-        "",
         "Effects that look alike, before and with the recommended trial",
         [
             f"Recommended: {sentence(found, found.best)}. {twin_sentence(found)}",
@@ -63,7 +62,7 @@ def next_figure(found: NextTrialRecord) -> Figure:
             "cannot be told apart. Columns have the numbers of the rows.",
         ],
         [Panel("effects that look alike", partial(twin_map, found.before, found.after), (8.8, 6.4))],
-        [Table("Possible trials", HEADER, rows(found), "wide")],
+        [Table("Possible trials", HEADER, rows(found), kind="wide")],
     )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from markupsafe import Markup
+
 from mcstudy.effect_library.library import LIBRARY, size_text
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import DiagnosisRecord
@@ -24,10 +26,10 @@ from mcstudy.report.diagnosis.sections import (
 )
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.document import document
-from mcstudy.report.figure import Figure, Missing, figure, missing, of_part
-from mcstudy.report.html import Table, details, escape, table
-from mcstudy.report.labels import with_units
+from mcstudy.report.figure import Figure, Missing, figures, of_part
+from mcstudy.report.html import code, details, html, joined, paragraphs, table
 from mcstudy.report.origin import recording_rows
+from mcstudy.text_tables import Table
 
 
 def gap_page(
@@ -44,12 +46,12 @@ def gap_page(
     parts = [GapData(part) for part in diagnosis.parts]
     where = [*response_figures(data), z_figure(data)] if len(parts) == 1 else _of_parts(diagnosis, parts)
     sections = [
-        ("gap", "Test for a mismatch", _figures([evidence_figure(diagnosis)], command)),
-        ("responses", "Measured and modelled responses", _figures(where, command)),
-        ("which", "Which effect, where, and how far", _figures(which_figures(diagnosis), command)),
-        ("next", "Which trial next", "" if planned is None else _figures([next_figure(planned)], command)),
-        ("sway", "Sway", _figures(_times(diagnosis, parts), command)),
-        ("numbers", "In numbers", _numbers(diagnosis) + f'<p class="how">Made by <code>{escape(printed)}</code></p>'),
+        ("gap", "Test for a mismatch", figures([evidence_figure(diagnosis)], command)),
+        ("responses", "Measured and modelled responses", figures(where, command)),
+        ("which", "Which effect, where, and how far", figures(which_figures(diagnosis), command)),
+        ("next", "Which trial next", figures([] if planned is None else [next_figure(planned)], command)),
+        ("sway", "Sway", figures(_times(diagnosis, parts), command)),
+        ("numbers", "In numbers", _numbers(diagnosis) + html('<p class="how">Made by <code>{}</code></p>', printed)),
         ("made", "Provenance", _provenance(data, command)),
     ]
     return document(
@@ -87,10 +89,10 @@ def _time(data: GapData) -> Figure | Missing:
     try:
         return time_figure(data, SwayTraces.of(data))
     except InputError as error:
-        return Missing("", "Sway in time", str(error))
+        return Missing("Sway in time", str(error))
 
 
-def _introduction(data: GapData) -> str:
+def _introduction(data: GapData) -> Markup:
     d = data.diagnosis
     if d.leading is None:
         after = "No gap was detected, so no effect was added and the figures show the base model only."
@@ -104,33 +106,21 @@ def _introduction(data: GapData) -> str:
     else:
         after = f"{added_name(d).capitalize()}: the base model with {effects_of(d.leading)}, refitted."
     first, *others = sentences(d)
-    parts = [part for part in (first, differing_tests(d), *others) if part]
-    said = "".join(f"<p>{escape(with_units(part))}</p>" for part in parts)
-    return (
-        f'<div class="truth"><p><strong>Verdict</strong></p>{said}</div>'
-        f"<p>Base model: {escape(data.model.name.replace('_', ' '))}, fitted to this recording. {escape(after)}</p>"
-    )
+    said = paragraphs([first, differing_tests(d), *others])
+    base = f"Base model: {data.model.name.replace('_', ' ')}, fitted to this recording. {after}"
+    return html('<div class="truth"><p><strong>Verdict</strong></p>{}</div>', said) + paragraphs([base])
 
 
-def _numbers(d: DiagnosisRecord) -> str:
+def _numbers(d: DiagnosisRecord) -> Markup:
     """The tables that are not those of a figure, indistinguishable effects, and data quality warnings."""
     shown = {evidence(d).title, closing(d).title}
-    warnings = "".join(f"<li>{escape(w)}</li>" for w in d.warnings)
     groups = "; ".join(", ".join(g) for g in d.groups if len(g) > 1)
+    warnings = joined(html("<li>{}</li>", warning) for warning in d.warnings)
     return (
-        "".join(
-            table(page_table(t)) + (f"<p>{escape(with_units(t.note))}</p>" if t.note else "")
-            for t in tables(d)
-            if t.title not in shown
-        )
-        + (f"<p>Effects that this recording cannot distinguish: {escape(groups)}.</p>" if groups else "")
-        + (f"<h3>Data quality warnings</h3><ul>{warnings}</ul>" if warnings else "")
+        joined(table(page_table(t)) for t in tables(d) if t.title not in shown)
+        + paragraphs([f"Effects that this recording cannot distinguish: {groups}." if groups else ""])
+        + (warnings and html("<h3>Data quality warnings</h3><ul>{}</ul>", warnings))
     )
-
-
-def _figures(items: Sequence[Figure | Missing], command: str) -> str:
-    shown = "".join(figure(f, "", command) for f in items if isinstance(f, Figure))
-    return shown + missing(f for f in items if isinstance(f, Missing))
 
 
 def _diagnose_command(command: str) -> str:
@@ -138,24 +128,21 @@ def _diagnose_command(command: str) -> str:
     return command.replace("gap report", "gap diagnose").split(" -o ")[0] + " --json"
 
 
-def _provenance(data: GapData, command: str) -> str:
+def _provenance(data: GapData, command: str) -> Markup:
     d = data.diagnosis
     rows = recording_rows(d.name, d.recording)
     rows += [["lines", f"{len(data.lines)}, {data.lines.f.min():.3g} to {data.lines.f.max():.3g} Hz"]]
     rows += [[k, str(v)] for k, v in d.method.to_dict().items()]
-    commands = "\n".join(
-        [
+    return (
+        code(
             f"{command}    # this page",
             f"{_diagnose_command(command)}    # every number of it",
             "python    # any figure of it",
             ">>> import mcstudy as mc",
             '>>> diagnosis = mc.diagnose(mc.read_recording("REC"))',
-        ]
-    )
-    return (
-        f"<pre><code>{escape(commands)}</code></pre>"
+        )
         + table(Table("This recording and diagnosis", ["", ""], rows), "facts")
-        + details("Effects of the library, with the sources of their sizes", table(_library()))
+        + details("Effects of the library, with the sources of their sizes", table(_library(), "wide"))
     )
 
 
@@ -163,4 +150,4 @@ def _library() -> Table:
     """The effects as ``mcstudy gap effects`` lists them."""
     rows = [[e.name, ", ".join(e.place), size_text(e.size), e.equation, e.source] for e in LIBRARY.values()]
     header = ["effect", "location", "usual size", "equation", "source of the size"]
-    return Table("Effects (mcstudy gap effects)", header, rows, "wide")
+    return Table("Effects (mcstudy gap effects)", header, rows)

@@ -10,10 +10,10 @@ from mcstudy.gap.verdict import not_a_body, share_closed, shown_causes, sway
 from mcstudy.report.diagnosis import figures, outcome_figures
 from mcstudy.report.diagnosis.data import BANDS_PER_DECADE, GapData
 from mcstudy.report.diagnosis.traces import SwayTraces
-from mcstudy.report.figure import Figure, Missing, Panel
-from mcstudy.report.html import Table
+from mcstudy.report.figure import Figure, Missing, Panel, by_angle
 from mcstudy.report.labels import with_units
 from mcstudy.report.numbers import short
+from mcstudy.text_tables import Table
 
 NARROW = 3
 """Most columns of a table that a telephone shows as one."""
@@ -38,7 +38,6 @@ def response_figures(data: GapData) -> list[Figure]:
     return [
         Figure(
             "frf",
-            "",
             "Frequency responses",
             [
                 f"How much the body sways (gain), and how late (phase), at each frequency of the stimulus. Circles: "
@@ -46,34 +45,19 @@ def response_figures(data: GapData) -> list[Figure]:
                 f"Neighbouring lines are averaged in {BANDS_PER_DECADE} bands per decade for display only; every "
                 "statistic uses the lines. Phases of all curves of a panel are counted through full turns alike.",
             ],
-            [
-                panel
-                for k, n in angles
-                for panel in (
-                    Panel(f"gain of {n}", partial(figures.response_gain, data, k)),
-                    Panel(f"phase of {n}", partial(figures.response_phase, data, k)),
-                )
-            ],
+            by_angle(data, angles, gain=figures.response_gain, phase=figures.response_phase),
             python="diagnosis.plot.response_gain(angle=0)",
         ),
         Figure(
             "misfit",
-            "",
             "Difference from the base model",
             [
                 "Measured response relative to the base model. Where the band excludes the dashed line, the base model "
                 f"fails.{added and f'{added} Where it follows the circles, it explains the difference.'}",
                 *(t for t in (not_a_body(data.diagnosis),) if t),
             ],
-            [
-                panel
-                for k, n in angles
-                for panel in (
-                    Panel(f"gain of {n}", partial(figures.misfit_gain, data, k)),
-                    Panel(f"phase of {n}", partial(figures.misfit_phase, data, k)),
-                )
-            ],
-            [Table("Measured over modelled gain", header, rows, "rows")],
+            by_angle(data, angles, gain=figures.misfit_gain, phase=figures.misfit_phase),
+            [Table("Measured over modelled gain", header, rows, kind="rows")],
             python="diagnosis.plot.misfit_gain(angle=0)",
         ),
     ]
@@ -93,7 +77,6 @@ def z_figure(data: GapData) -> Figure:
     ]
     return Figure(
         "zmap",
-        "",
         "Where: standardised residuals",
         [
             "z = residual divided by its standard error after the fit; its RMS is about 1 if the model is right. The "
@@ -111,17 +94,16 @@ def z_figure(data: GapData) -> Figure:
                 "Mean |z|² of the base model by band, with its family-wise 95 % limit",
                 ["band", "level", "limit", ""],
                 rows,
-                "rows",
+                kind="rows",
             )
         ],
         python="diagnosis.plot.residual_map()",
     )
 
 
-def page_table(t: tables.Table) -> Table:
-    """A table of the diagnosis on the page, without its note."""
-    rows = [[with_units(str(cell)) for cell in row] for row in t.rows]
-    return Table(t.title, t.header, rows, "rows" if len(t.header) <= NARROW else "wide")
+def page_table(t: Table) -> Table:
+    """A table of the diagnosis as a page shows it."""
+    return t._replace(kind="rows" if len(t.header) <= NARROW else "wide")
 
 
 def evidence_figure(d: DiagnosisRecord) -> Figure:
@@ -135,7 +117,6 @@ def evidence_figure(d: DiagnosisRecord) -> Figure:
         "Bars: what recordings without a gap would give, simulated with the noise of this one. Thick line: this "
         "recording. The further it lies to the right of the bars, the stronger the evidence. First: the test for "
         "deviations of known shape. Second: the residual of all lines (goodness of fit).",
-        numbers.note,
     ]
     if d.leading is not None and any(c.sizes for c in shown_causes(d)):
         panels.append(Panel("sizes of the causes", partial(outcome_figures.effect_sizes, d)))
@@ -144,14 +125,13 @@ def evidence_figure(d: DiagnosisRecord) -> Figure:
             "from zero."
         )
     title = "Evidence for a gap"
-    return Figure("evidence", "", title, text, panels, [page_table(numbers)], python="diagnosis.plot.evidence()")
+    return Figure("evidence", title, text, panels, [page_table(numbers)], "diagnosis.plot.evidence()")
 
 
 def which_figures(d: DiagnosisRecord) -> list[Figure | Missing]:
     """Location, cause, share of the gap closed, error of predicted sway."""
     causes = Figure(
         "causes",
-        "",
         "Location and cause",
         [
             "Probabilities given this recording. Effects that it cannot distinguish are one bar, named after the "
@@ -188,9 +168,10 @@ def _closing_figure(d: DiagnosisRecord) -> Figure | Missing:
         )
         call = call or "diagnosis.plot.sway_error()"
     if not panels:
-        return Missing("", title, "no cause was added to the model, and the recording has no time series")
-    text.append(numbers.note or share_closed(d) or "No gap was detected, so no effect was added to the model.")
-    return Figure("closed", "", title, text, panels, [page_table(numbers)], python=call)
+        return Missing(title, "no cause was added to the model, and the recording has no time series")
+    if not numbers.note:
+        text.append(share_closed(d) or "No gap was detected, so no effect was added to the model.")
+    return Figure("closed", title, text, panels, [page_table(numbers)], python=call)
 
 
 def time_figure(data: GapData, traces: SwayTraces) -> Figure:
@@ -198,7 +179,6 @@ def time_figure(data: GapData, traces: SwayTraces) -> Figure:
     angles = list(enumerate(data.angles))
     return Figure(
         "traces",
-        "",
         "Sway in time",
         [
             f"Measured sway ({traces.what}, peak of the stimulus {traces.amplitude:.3g} "

@@ -22,13 +22,13 @@ from mcstudy.report.style import COLOURS, HATCHES
 
 @lru_cache(maxsize=16)
 def bias_at(view: GroupView, fmax: float) -> xr.Dataset:
-    """|bias| in percent of the truth, averaged over amplitudes, with ``floor``; single and combined parameters."""
+    """|bias| in percent of the truth, averaged over amplitudes, with ``floor``; parameters and derived quantities."""
     return _both(view, fmax, _bias)
 
 
 @lru_cache(maxsize=16)
 def cv_at(view: GroupView, fmax: float) -> xr.Dataset:
-    """Coefficient of variation averaged over amplitudes; single and combined parameters."""
+    """Coefficient of variation averaged over amplitudes; parameters and derived quantities."""
     return _both(view, fmax, _cv)
 
 
@@ -46,11 +46,9 @@ def _cv(cells: xr.Dataset) -> xr.Dataset:
 
 def _both(view: GroupView, fmax: float, of: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
     single = of(view.cells.sel(fmax=fmax, drop=True))
-    if view.combined is None:
+    if view.derived is None:
         return single
-    together = of(view.combined.sel(fmax=fmax, drop=True))
-    sums = [str(n) for n in together["parameter"].values if str(n) not in view.model.names]
-    parts = [single.reset_coords(drop=True), together.sel(parameter=sums).reset_coords(drop=True)]
+    parts = [x.reset_coords(drop=True) for x in (single, of(view.derived.sel(fmax=fmax, drop=True)))]
     return xr.concat([p.assign_coords(parameter=[str(n) for n in p["parameter"].values]) for p in parts], "parameter")
 
 
@@ -59,7 +57,7 @@ def bias_bars(data: GroupLike, fmax: float | None = None, ax: Axes | None = None
     view, ax = view_of(data), axes(ax, (4.3, 4.2))
     fmax = chosen_fmax(view, fmax)
     result = _in_order_of_cv(view, fmax, bias_at(view, fmax))
-    _bars(ax, result)
+    _bars(ax, view, result)
     y = np.arange(result.sizes["parameter"])
     ax.plot(result["floor"], y, "|", color=COLOURS["panel"], markersize=14, markeredgewidth=5.0)  # edges, for grey
     ax.plot(
@@ -81,7 +79,7 @@ def cv_bars(data: GroupLike, fmax: float | None = None, ax: Axes | None = None) 
     """Fig. 7B: coefficient of variation of every parameter ± MCSE, smallest first."""
     view, ax = view_of(data), axes(ax, (4.3, 4.2))
     fmax = chosen_fmax(view, fmax)
-    _bars(ax, _in_order_of_cv(view, fmax, cv_at(view, fmax)))
+    _bars(ax, view, _in_order_of_cv(view, fmax, cv_at(view, fmax)))
     ax.set_xlabel("coefficient of variation (SD / mean)")
     ax.set_title(f"Fmax {fmax_label(fmax)}")
     legend_below(ax)
@@ -128,10 +126,10 @@ def _in_order_of_cv(view: GroupView, fmax: float, result: xr.Dataset) -> xr.Data
     return result.isel(parameter=order)
 
 
-def _bars(ax: Axes, result: xr.Dataset) -> None:
+def _bars(ax: Axes, view: GroupView, result: xr.Dataset) -> None:
     names = [str(n) for n in result["parameter"].values]
     y = np.arange(len(names))
-    single = np.array(["+" not in n for n in names])
+    single = np.array([n in view.model.names for n in names])
     error = result["mcse"].fillna(0.0).values
     kinds = ((single, "blue", "single"), (~single, "green", "active + passive"))
     for (which, colour, label), hatch in zip(kinds, HATCHES, strict=False):

@@ -15,19 +15,18 @@ from mcstudy.report.axes import axes, colour_of, fixed_ticks
 from mcstudy.report.figures.common import GroupLike, view_of
 from mcstudy.report.labels import amplitude_label, with_units
 from mcstudy.report.style import COLOURS, HATCHES
-from mcstudy.stance.feedback import Model
 
 
 def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> Axes:
     """One panel of Fig. 5 or 6: true value, then mean ± SD of the best fits by Fmax and amplitude, the largest first.
 
-    ``parameter`` may be a sum of stiffnesses, e.g. ``"K11+Kpas1"``. Raises `InputError` when there is no such
-    parameter.
+    ``parameter`` may be a derived quantity, such as a sum of stiffnesses, ``"K11+Kpas1"``. Raises `InputError` when
+    there is no such parameter.
     """
     view = view_of(data)
     ax = axes(ax, (2.4, 2.0))
-    cells = cells_with(view.cells, view.combined, parameter)
-    every = _moments_of(view, cells is view.combined)
+    cells = cells_with(view.cells, view.derived, parameter)
+    every = _moments_of(view, cells is view.derived)
     truth, amplitudes = float(every.truth.sel(parameter=parameter)), cells["amplitude"].values
     means, sds = (x.sel(parameter=parameter) for x in (every.mean, every.sd.fillna(0.0)))
     width = 0.8 / len(amplitudes)
@@ -52,27 +51,22 @@ def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> A
     ax.grid(axis="x", visible=False)
     ax.set_xlabel("Fmax (Hz)")
     ax.set_ylim(0 if truth >= 0 else None, None if truth >= 0 else 0)
-    ax.set_title(f"{parameter} ({_unit(view.model, parameter)})")
+    ax.set_title(f"{parameter} ({with_units(view.units[parameter])})")
     ax.margins(y=0.08)
     return ax
 
 
 @lru_cache(maxsize=8)
-def _moments_of(view: GroupView, combined: bool) -> Moments[xr.DataArray]:
+def _moments_of(view: GroupView, derived: bool) -> Moments[xr.DataArray]:
     """Moments of all parameters of a group; kept, because there is a panel for each."""
-    cells = view.combined if combined and view.combined is not None else view.cells
+    cells = view.derived if derived and view.derived is not None else view.cells
     return moments(cells["estimate"], cells["truth"])
 
 
-def cells_with(cells: xr.Dataset, combined: xr.Dataset | None, parameter: str) -> xr.Dataset:
-    """The best fits that hold ``parameter``: single, or with stiffnesses combined."""
-    for held in (cells, combined):
+def cells_with(cells: xr.Dataset, derived: xr.Dataset | None, parameter: str) -> xr.Dataset:
+    """The best fits that hold ``parameter``: single, or a quantity derived from them."""
+    for held in (cells, derived):
         if held is not None and parameter in held["parameter"].values:
             return held
     names = ", ".join(str(n) for n in cells["parameter"].values)
-    raise InputError(f"parameter: expected one of {names} or a sum of stiffnesses, got {parameter!r}")
-
-
-def _unit(model: Model, parameter: str) -> str:
-    units = dict(zip(model.names, model.units, strict=True))
-    return with_units(units[parameter.split("+")[0]])
+    raise InputError(f"parameter: expected one of {names} or a derived quantity, got {parameter!r}")

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 
-from mcstudy import text_tables
+from markupsafe import Markup
+
 from mcstudy.identification import words
 from mcstudy.identification.estimate import Estimate, interval
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.tables import estimates, help_needed, relative
 from mcstudy.report.document import document
-from mcstudy.report.figure import Figure, Panel, figure, of_part
+from mcstudy.report.figure import Figure, Panel, by_angle, figures, of_part
 from mcstudy.report.figures.pairs import WRITTEN
-from mcstudy.report.html import Table, escape, table, tiles
+from mcstudy.report.html import code, html, paragraphs, table, tiles
 from mcstudy.report.origin import recording_rows
-from mcstudy.report.person import figures, responses
-from mcstudy.text_tables import number, p_words
+from mcstudy.report.person import figures as drawings
+from mcstudy.report.person import responses
+from mcstudy.text_tables import Table, number, p_words
 
 SMALL, WIDE = (3.4, 2.6), (6.4, 4.6)
 
@@ -27,11 +28,15 @@ TILES = 4
 def fit_page(fit: FitRecord, command: str = "mcstudy fit REC --html page.html") -> str:
     """The page of a fit; ``command``: the command that makes this page, as displayed on it."""
     parts = [
-        ("estimates", "Estimates and intervals", _table(fit) + _shown([_intervals(fit), *_coverage(fit)], command)),
-        ("profiles", "What the data determine", _listed(_open(fit)) + _shown(_profiles(fit), command)),
-        ("model", "Model adequacy", _listed(_belief(fit)) + _shown(_model(fit), command)),
-        ("help", "What would help", _shown([_information(fit)], command)),
-        ("search", "How the estimate was found", _shown([_waterfall(fit)], command)),
+        (
+            "estimates",
+            "Estimates and intervals",
+            table(estimates(fit), "wide") + figures([_intervals(fit), *_coverage(fit)], command),
+        ),
+        ("profiles", "What the data determine", paragraphs(_open(fit)) + figures(_profiles(fit), command)),
+        ("model", "Model adequacy", paragraphs(_belief(fit)) + figures(_model(fit), command)),
+        ("help", "What would help", figures([_information(fit)], command)),
+        ("search", "How the estimate was found", figures([_waterfall(fit)], command)),
         ("made", "Provenance", _provenance(fit, command)),
     ]
     return document(
@@ -43,7 +48,7 @@ def fit_page(fit: FitRecord, command: str = "mcstudy fit REC --html page.html") 
     )
 
 
-def _introduction(fit: FitRecord) -> str:
+def _introduction(fit: FitRecord) -> Markup:
     kinds = [e.verdict for e in fit.estimates]
     determined = kinds.count("identifiable")
     asked = (
@@ -63,13 +68,18 @@ def _introduction(fit: FitRecord) -> str:
         *(
             (
                 e.name,
-                f"{number(e.estimate)} {e.unit}".replace("N m", "N·m"),
-                f"{interval(e)} ({_share(e)}).",
+                f"{number(e.estimate)} {e.unit}",
+                f"{interval(e)} ({relative(e, (e.high - e.low) / 2)}).",
                 "intervals",
             )
             for e in _best(fit)
         ),
-        ("Goodness of fit", p_words(fit.p_value), _goodness(fit), "model"),
+        (
+            "Goodness of fit",
+            p_words(fit.p_value),
+            f"squared residual {fit.chi2:.0f}, expected {fit.expected_chi2:.0f}.",
+            "model",
+        ),
     ]
     if fit.gap is not None:
         found = "a gap beyond noise" if words.gap_found(fit) else "no gap beyond noise"
@@ -78,8 +88,8 @@ def _introduction(fit: FitRecord) -> str:
         state = "over all intervals" if fit.stability.stable else "not over all intervals"
         root = f"rightmost root {number(fit.growth_rate)} 1/s; stable {state}."
         entries.append(("Closed loop", "stable" if fit.growth_rate < 0 else "unstable", root, "model"))
-    warning = f'<div class="truth"><p>{escape(words.belief(fit))}</p></div>' if words.doubtful(fit) else ""
-    return f"<p>{escape(asked)}</p>{warning}{tiles(entries)}"
+    warning = html('<div class="truth"><p>{}</p></div>', words.belief(fit)) if words.doubtful(fit) else ""
+    return paragraphs([asked]) + warning + tiles(entries)
 
 
 def _what(fit: FitRecord) -> str:
@@ -93,27 +103,9 @@ def _best(fit: FitRecord) -> list[Estimate]:
     return sorted(known, key=lambda e: (e.high - e.low) / abs(e.estimate))[:TILES]
 
 
-def _share(e: Estimate) -> str:
-    return relative(e, e.half_width)
-
-
-def _goodness(fit: FitRecord) -> str:
-    return f"squared residual {fit.chi2:.0f}, expected {fit.expected_chi2:.0f}."
-
-
-def _page_table(t: text_tables.Table) -> Table:
-    return Table(t.title, t.header, t.rows, "wide")
-
-
-def _table(fit: FitRecord) -> str:
-    t = estimates(fit)
-    return table(_page_table(t)) + _listed([t.note])
-
-
 def _intervals(fit: FitRecord) -> Figure:
     return Figure(
         "intervals",
-        "",
         "All quantities",
         [
             "Each quantity relative to the value that is typical of a body of this weight. Thick line: the profile "
@@ -121,7 +113,7 @@ def _intervals(fit: FitRecord) -> Figure:
             "Gauss-Newton interval (Wald), which ignores bounds and other minima. Cross: the estimate under the cost "
             "of Goodworth & Peterka (2018).",
         ],
-        [Panel("intervals", partial(figures.intervals, fit), WIDE)],
+        [Panel("intervals", partial(drawings.intervals, fit), WIDE)],
         python="fit.plot.intervals()",
     )
 
@@ -131,14 +123,13 @@ def _coverage(fit: FitRecord) -> list[Figure]:
         return []
     drawn = Figure(
         "coverage",
-        "",
         "Coverage of these intervals in simulation",
         [
             words.coverage(fit),
             "Diamond: all simulated recordings. Line: from the body with the fewest to that with the most. Grey: the "
             "goal. The simulated condition is the nearest one in number of cycles and highest frequency.",
         ],
-        [Panel("coverage", partial(figures.coverage, fit), WIDE)],
+        [Panel("coverage", partial(drawings.coverage, fit), WIDE)],
         python="fit.plot.coverage()",
     )
     return [drawn]
@@ -151,28 +142,26 @@ def _profiles(fit: FitRecord) -> list[Figure]:
     ]
     drawn = Figure(
         "profile",
-        "",
         "Profiles",
         [
             "How much the squared residual rises above the lowest one when a quantity is held at a value and all other "
             "parameters are fitted again. The interval holds the values below the threshold. Dashed: what the "
             "curvature at the estimate alone would give (Wald). Points above the lower edge belong to higher minima.",
         ],
-        [Panel(e.name, partial(figures.profile, fit, e.name), SMALL) for e in fit.estimates],
-        [Table("What moves with it from the lower to the upper end", ("quantity", "moves"), rows, "rows")],
+        [Panel(e.name, partial(drawings.profile, fit, e.name), SMALL) for e in fit.estimates],
+        [Table("What moves with it from the lower to the upper end", ("quantity", "moves"), rows, kind="rows")],
         python=f'fit.plot.profile("{fit.estimates[0].name}")',
         legend=[("blue", "profile and interval"), ("muted", "threshold"), ("orange", "Wald"), ("ink", "estimate")],
     )
     near = Figure(
         "correlations",
-        "",
         "Correlations near the estimate",
         [
             "Correlations of the Gauss-Newton errors. Disc: positive. Square: negative. Area: size. Upper half: "
             f"100 r where |r| is at least {WRITTEN:g}. Parameters on a bound are left out.",
             words.correlated(fit),
         ],
-        [Panel("correlations", partial(figures.correlations, fit), (4.3, 4.3))],
+        [Panel("correlations", partial(drawings.correlations, fit), (4.3, 4.3))],
         python="fit.plot.correlations()",
     )
     return [drawn, near]
@@ -186,24 +175,16 @@ def _model(fit: FitRecord) -> list[Figure]:
 
 
 def _frf(fit: FitRecord) -> Figure:
-    shown = responses.angles(fit)
+    angles = [(k, f"θ{k + 1}") for k in responses.angles(fit)]
     return Figure(
         "frf",
-        "",
         "Frequency responses",
         [
             "How much the body sways (gain), and how late (phase), at each frequency of the stimulus. Circles: "
             "measured, neighbouring lines averaged, with a 95 % noise band. Line: the fit; around it the range of all "
             "bodies that fit as well.",
         ],
-        [
-            panel
-            for k in shown
-            for panel in (
-                Panel(f"gain of θ{k + 1}", partial(responses.response_gain, fit, k)),
-                Panel(f"phase of θ{k + 1}", partial(responses.response_phase, fit, k)),
-            )
-        ],
+        by_angle(fit, angles, gain=responses.response_gain, phase=responses.response_phase),
         python="fit.plot.response_gain(angle=0)",
     )
 
@@ -221,15 +202,14 @@ def _sway(fit: FitRecord) -> list[Figure]:
             rows.append((f"{a.angle}, noise", number(a.noise), f"{low} to {high}", number(a.noise_measured)))
     sway = Figure(
         "sway",
-        "",
         "Predicted sway",
         [
             "Sway at the frequencies of the fit. Stimulus: predicted from the stimulus alone, measured as the mean "
             "response less its noise. Noise: predicted for sensor noise of the shape that Goodworth & Peterka (2018) "
             "assume, its two levels fitted to the measured noise. The fit does not use this noise: it tests the body.",
         ],
-        [Panel("sway", partial(figures.sway, fit), (4.3, 2.9))],
-        [Table("Predicted and measured sway", header, rows, "rows")],
+        [Panel("sway", partial(drawings.sway, fit), (4.3, 2.9))],
+        [Table("Predicted and measured sway", header, rows, kind="rows")],
         python="fit.plot.sway()",
     )
     return [sway]
@@ -239,11 +219,10 @@ def _information(fit: FitRecord) -> Figure:
     t = help_needed(fit)
     return Figure(
         "information",
-        "",
         "Where the information is, and what would narrow the intervals",
-        ["Share of the information on each quantity by band of frequencies.", *([] if t is None else [t.note])],
-        [Panel("information", partial(figures.information, fit), WIDE)],
-        [] if t is None else [_page_table(t)],
+        ["Share of the information on each quantity by band of frequencies."],
+        [Panel("information", partial(drawings.information, fit), WIDE)],
+        [] if t is None else [t._replace(kind="wide")],
         python="fit.plot.information()",
     )
 
@@ -251,56 +230,35 @@ def _information(fit: FitRecord) -> Figure:
 def _waterfall(fit: FitRecord) -> Figure:
     return Figure(
         "waterfall",
-        "",
         "Minima",
         [
             "Squared residuals at which the random starts ended. A step is a minimum. Minima below the dotted line fit "
             "as well as the lowest one, and the intervals cover those in which the closed loop is stable.",
             words.search_words(fit),
         ],
-        [Panel("starts", partial(figures.waterfall, fit))],
+        [Panel("starts", partial(drawings.waterfall, fit))],
         python="fit.plot.waterfall()",
     )
 
 
 def _open(fit: FitRecord) -> list[str]:
-    return [words.undetermined(fit), *words.valleys(fit), *([h] if (h := words.help_words(fit)) else [])]
+    return [words.undetermined(fit), *words.valleys(fit), words.help_words(fit)]
 
 
 def _belief(fit: FitRecord) -> list[str]:
-    parts = [
-        words.belief(fit),
-        words.by_recording(fit),
-        words.added(fit),
-        words.loop(fit),
-        words.sway(fit),
-        *fit.warnings,
-    ]
-    return [part for part in parts if part]
+    said = (words.belief, words.by_recording, words.added, words.loop, words.sway)
+    return [*(sentence(fit) for sentence in said), *fit.warnings]
 
 
-def _listed(sentences: Sequence[str]) -> str:
-    return "".join(f"<p>{escape(s)}</p>" for s in sentences)
-
-
-def _shown(items: Sequence[Figure], command: str) -> str:
-    return "".join(figure(f, "", command) for f in items)
-
-
-def _provenance(fit: FitRecord, command: str) -> str:
+def _provenance(fit: FitRecord, command: str) -> Markup:
     rows = recording_rows(fit.name, fit.recording)
     rows += [[k, ", ".join(v) if isinstance(v, list) else str(v)] for k, v in fit.method.to_dict().items() if v != []]
     rows += [[f"bounds of {p.name}", f"{number(p.lower)} to {number(p.upper)} {p.unit}"] for p in fit.model.parameters]
-    printed = command.split(" --html ")[0] + " --json"
-    commands = "\n".join(
-        [
-            f"{command}    # this page",
-            f"{printed}    # every number of it",
-            "python    # any figure of it",
-            ">>> import mcstudy as mc",
-            '>>> fit = mc.fit("REC")',
-        ]
+    made = code(
+        f"{command}    # this page",
+        f"{command.split(' --html ')[0]} --json    # every number of it",
+        "python    # any figure of it",
+        ">>> import mcstudy as mc",
+        '>>> fit = mc.fit("REC")',
     )
-    return f"<pre><code>{escape(commands)}</code></pre>" + table(
-        Table("This recording and fit", ["", ""], rows), "facts"
-    )
+    return made + table(Table("This recording and fit", ["", ""], rows), "facts")

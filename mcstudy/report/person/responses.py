@@ -9,26 +9,23 @@ from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.trades import bodies
 from mcstudy.report.axes import axes, frequency_axis, legend_below, log_axis
 from mcstudy.report.diagnosis.data import band_means
-from mcstudy.report.diagnosis.figures import CURVE_POINTS, REAL
+from mcstudy.report.diagnosis.figures import CURVE_POINTS, REAL, draw_measured, gain_unit
 from mcstudy.report.style import COLOURS
 from mcstudy.stance.response import frf
 
-MEASURED, FIT = COLOURS["ink"], COLOURS["blue"]
+FIT = COLOURS["blue"]
 
 
 def response_gain(fit: FitRecord, angle: int = 0, ax: Axes | None = None) -> Axes:
     """Gain of one angle: band means with a 95 % noise band, the fit, and its range over the bodies that fit as well."""
-    ax, f = axes(ax), _curve(fit)
+    ax = axes(ax)
     ratio, sd, at, best = _bands(fit, angle)
     gain, noise = np.abs(best * ratio), np.abs(best) * REAL * sd
-    curves = np.abs(_responses(fit, f, angle))
-    ax.fill_between(at, np.maximum(gain - noise, 0.02 * gain), gain + noise, color=MEASURED, alpha=0.16, linewidth=0)
-    ax.plot(at, gain, "o", color=MEASURED, markersize=3.5, markerfacecolor="none", label="measured, 95 % noise")
-    ax.fill_between(f, curves.min(axis=0), curves.max(axis=0), color=FIT, alpha=0.25, linewidth=0)
-    ax.plot(f, curves[0], color=FIT, label="fit, range over the intervals")
+    curves = np.abs(_responses(fit, _curve(fit), angle))
+    draw_measured(ax, at, gain, noise, lowest=0.02 * gain)
     log_axis(ax.yaxis)
-    ax.set_ylabel(f"gain ({_unit(fit)})")
-    return _finished(fit, angle, ax)
+    ax.set_ylabel(f"gain ({gain_unit(fit.model)})")
+    return _finished(fit, angle, ax, curves)
 
 
 def response_phase(fit: FitRecord, angle: int = 0, ax: Axes | None = None) -> Axes:
@@ -39,13 +36,9 @@ def response_phase(fit: FitRecord, angle: int = 0, ax: Axes | None = None) -> Ax
     curves += 2 * np.pi * np.round((curves[0] - curves).mean(axis=1) / (2 * np.pi))[:, None]
     phase = np.degrees(np.interp(at, f, curves[0]) + np.angle(ratio))
     noise = np.degrees(np.minimum(REAL * sd / np.abs(ratio), np.pi))
-    curves = np.degrees(curves)
-    ax.fill_between(at, phase - noise, phase + noise, color=MEASURED, alpha=0.16, linewidth=0)
-    ax.plot(at, phase, "o", color=MEASURED, markersize=3.5, markerfacecolor="none", label="measured, 95 % noise")
-    ax.fill_between(f, curves.min(axis=0), curves.max(axis=0), color=FIT, alpha=0.25, linewidth=0)
-    ax.plot(f, curves[0], color=FIT, label="fit, range over the intervals")
+    draw_measured(ax, at, phase, noise)
     ax.set_ylabel("phase (°)")
-    return _finished(fit, angle, ax)
+    return _finished(fit, angle, ax, np.degrees(curves))
 
 
 def angles(fit: FitRecord) -> list[int]:
@@ -69,12 +62,11 @@ def _curve(fit: FitRecord) -> np.ndarray:
     return np.geomspace(fit.lines.f[0], fit.lines.f[-1], CURVE_POINTS)
 
 
-def _unit(fit: FitRecord) -> str:
-    unit = fit.model.stimulus_unit.replace(" ", "·")
-    return f"rad/({unit})" if "·" in unit else f"rad/{unit}"
-
-
-def _finished(fit: FitRecord, angle: int, ax: Axes) -> Axes:
+def _finished(fit: FitRecord, angle: int, ax: Axes, curves: np.ndarray) -> Axes:
+    """With the best fit, the first of the ``curves``, and the range of all."""
+    f = _curve(fit)
+    ax.fill_between(f, curves.min(axis=0), curves.max(axis=0), color=FIT, alpha=0.25, linewidth=0)
+    ax.plot(f, curves[0], color=FIT, label="fit, range over the intervals")
     frequency_axis(ax, fit.lines.f)
     ax.set_title(f"θ{angle + 1}")
     legend_below(ax, 2)

@@ -50,6 +50,10 @@ class Context:
         """Rows *paper | ours* by key."""
         return {row["key"]: row for row in self.data["paper"]["rows"]}
 
+    def counterpart(self, number: str, fmax: float = 0.0) -> dict[str, Any] | None:
+        """The published row of a number on the first screen, see `Publication.headline`; None without one."""
+        return self.published.get(self.publication.headline.get(number, "").format(fmax=f"{fmax:g}"))
+
     def cells(self, view: GroupView) -> list[dict[str, Any]]:
         """Numbers of every (amplitude, Fmax) of a group."""
         return list(self.data["groups"][view.name]["cells"])
@@ -71,7 +75,7 @@ class Context:
 
     @cached_property
     def accuracy(self) -> GroupView | None:
-        """The group for estimates with noise: the paper's if there is one, else the one with most conditions."""
+        """The group for estimates with noise: the published one if there is one, else the one with most conditions."""
         noisy = [g for g in self.held if g.noisy and g.group.realizations > 1]
         return self._published("estimates") or max(
             noisy, key=lambda g: (len(g.group.fmax) * len(g.group.amplitude), g.group.realizations), default=None
@@ -91,19 +95,19 @@ class Context:
 
     @cached_property
     def theory(self) -> GroupView | None:
-        """The group without noise for Fig. 3A and 4."""
+        """The group without noise for figures of fits without noise."""
         free = [g for g in self.held if not g.noisy]
         return self._published("theory") or max(free, key=lambda g: (g.group.fmax[-1], g.group.starts), default=None)
 
     @cached_property
     def pools(self) -> GroupView | None:
-        """The group with noise and most starts, for Fig. 3B and the waterfall."""
+        """The group with noise and most starts, for the number of starts needed and the waterfall."""
         noisy = [g for g in self.held if g.noisy]
         return self._published("pools") or max(noisy, key=lambda g: g.group.starts, default=None)
 
     @cached_property
     def free_pools(self) -> GroupView | None:
-        """The group without noise for Fig. 3B."""
+        """The group without noise for the number of starts needed."""
         return self._published("free_pools") or self.theory
 
     @cached_property

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from mcstudy.report.html import escape
+from markupsafe import escape
+
 from mcstudy.report.labels import CONTROLLERS
 from mcstudy.stance.feedback import Model, Term
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from markupsafe import Markup
+
 from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL
-from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.show.missed import missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
+from mcstudy.models.quantities import sums
 from mcstudy.report.figures.common import chosen_fmax
-from mcstudy.report.html import escape, tiles
+from mcstudy.report.html import paragraphs, tiles
 from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.study.context import Context, largest_amplitude, stat, value_of, with_ends
 from mcstudy.text_tables import counted, number, with_error
@@ -21,9 +23,9 @@ Tile = tuple[str, str, str, str]
 """What, number, remark, id of the figure or section with more."""
 
 
-def overview(context: Context) -> str:
+def overview(context: Context) -> Markup:
     """One sentence on the question and a tile for each main result."""
-    return f"<p>{escape(_question(context))}</p>" + tiles(_tiles(context))
+    return paragraphs([_question(context)]) + tiles(_tiles(context))
 
 
 def _question(context: Context) -> str:
@@ -51,17 +53,17 @@ def _listed(values: Iterable[float]) -> str:
 
 def _tiles(context: Context) -> list[Tile]:
     out = []
-    if error := context.published.get("theory_max_error"):
+    if error := context.counterpart("largest_error"):
         remark = f"paper {error['paper_text']} %; one stimulus identifies every parameter"
-        out.append(("Largest error without noise", f"{number(error['value'], 2)} %", remark, "fig4"))
+        out.append(("Largest error without noise", f"{number(error['value'], 2)} %", remark, "responses"))
     view = context.accuracy
     if view is not None:
         out += _accuracy(context, view)
     judged = [r["verdict"] for r in context.published.values() if r["verdict"]]
     if judged:
         told = [v for v in judged if v != CANNOT_TELL]
-        remark = f"{len(judged) - len(told)} more cannot be decided with two studies of 50 realizations."
-        out.append(("Published statements that agree", f"{told.count(AGREES)} of {len(told)}", remark, "paper"))
+        remark = f"{len(judged) - len(told)} more cannot be decided with studies of so few realizations."
+        out.append(("Published statements that agree", f"{told.count(AGREES)} of {len(told)}", remark, "published"))
     return out
 
 
@@ -74,9 +76,9 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
     if len(spread) > 1:
         best = min(spread, key=lambda c: c["mean_spread_percent"]["value"])
         remark = f"mean SD {stat(best['mean_spread_percent'])} % of the truth, {at}."
-        out.append(("Smallest scatter at", f"Fmax {fmax_label(best['fmax'])}", remark, "fig5"))
+        out.append(("Smallest scatter at", f"Fmax {fmax_label(best['fmax'])}", remark, "estimates"))
     f = chosen_fmax(view)
-    pairs = [members for members in sums_of(view.model.names).values() if len(members) == 2]
+    pairs = [members for members in sums(view.model).values() if len(members) == 2]
     if pairs:
         first, second = pairs[0]
         r = correlation(view.cells.sel(amplitude=amplitude, fmax=f)).sel(parameter=first, parameter_2=second)
@@ -88,18 +90,18 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
         remark = f"median; {with_ends(many)} or more in one of ten realizations; {at}, {f:g} Hz."
         if needed["missed_minimum"]["value"] is not None:
             remark += f" {MISSED[0].upper()}{MISSED[1:]}: {missed_words(needed)} % (mean)."
-        out.append(("Starts for 95 % certainty", with_ends(median), remark, "fig3b"))
+        out.append(("Starts for 95 % certainty", with_ends(median), remark, "starts"))
     return out
 
 
 def _bias(context: Context, cell: dict[str, Any], at: str) -> Tile:
     """The paper's number is a mean over amplitudes; where there is none, ours is that of one amplitude."""
-    row = context.published.get(f"bias_12_{cell['fmax']:g}")
+    row = context.counterpart("bias", cell["fmax"])
     value = row or cell["mean_absolute_bias_percent"]
     paper = f"paper {row['paper_text']} %, " if row else f"{at}, "
     what = f"Mean |bias|, Fmax {fmax_label(cell['fmax'])}"
     floor = number(value["floor"], 2)
-    return what, f"{with_error(value['value'], value['mcse'])} %", f"{paper}{floor} % expected from chance.", "fig7a"
+    return what, f"{with_error(value['value'], value['mcse'])} %", f"{paper}{floor} % expected from chance.", "bias"
 
 
 def _ends_and_middle(cells: list[dict[str, Any]], fmax: float) -> list[dict[str, Any]]:

@@ -1,42 +1,37 @@
-"""What stands on the page of a study, in which order."""
+"""What the page of a study shows, in which order."""
 
 from __future__ import annotations
 
 import gc
 import json
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 
+from markupsafe import Markup
+
 from mcstudy.analysis.kept import Look, looking
-from mcstudy.analysis.published.publication import publications
+from mcstudy.analysis.published.publication import ALONE, publications
 from mcstudy.analysis.results import open_for_tables
 from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.summary import show_data
-from mcstudy.analysis.show.text import incomplete, paper_title
+from mcstudy.analysis.show.text import comparison_title
 from mcstudy.errors import InputError
-from mcstudy.report.document import document
+from mcstudy.report.document import Section, document
 from mcstudy.report.figure import Figure, Missing, figure, missing
-from mcstudy.report.html import Table, details, escape, table
+from mcstudy.report.html import code, details, html, joined, table
 from mcstudy.report.study.comparison import comparison_html
 from mcstudy.report.study.context import Context
-from mcstudy.report.study.estimates import (
-    efficiency_figure,
-    estimates,
-    paper_estimate_figures,
-    statistic_figures,
-)
+from mcstudy.report.study.estimates import efficiency_figure, estimate_figures, estimates, statistic_figures
 from mcstudy.report.study.model import model_html
 from mcstudy.report.study.overview import overview
 from mcstudy.report.study.pairs import pairs_figure
-from mcstudy.report.study.search import further_search_figures, paper_search_figures
+from mcstudy.report.study.search import minima_figures, search_figures
 from mcstudy.report.study.signals import signal_figures
 from mcstudy.report.study.standard_errors import zipper_figures
-from mcstudy.report.study.tables import beside as published_beside
-from mcstudy.report.study.tables import group_overviews, headline, introduction
+from mcstudy.report.study.tables import group_overviews, headline, introduction, published_beside
 from mcstudy.study.cube.conversion import structured
+from mcstudy.text_tables import Table
 
 
 def study_page(path: Path, beside: Sequence[Path], looks: ExitStack, look: Look) -> str:
@@ -70,33 +65,14 @@ def _companion(file: Path, looks: ExitStack) -> Context | None:
 
 
 def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -> str:
-    sections = [section for p in publications() if (section := p.section(context, companions))]
+    asked = [p for p in publications() if companions or p is context.publication]
+    sections = [section for p in asked if (section := p.section(context, companions))]
     if companions and not sections:
         raise InputError("--beside: expected a publication that shows further results, none is installed")
-    main = context.accuracy
-    own = context.main.group.model.declared  # no publication says anything about such a model
-    paper = paper_search_figures(context) + paper_estimate_figures(context)
-    if not own:
-        paper = signal_figures(context) + paper
-    beyond = [pairs_figure(context), *further_search_figures(context)]
-    if main is not None:
-        beyond += [efficiency_figure(main), *zipper_figures(main), *statistic_figures(main)]
-    if own:
-        sections = []
-        beyond = [f for f in (*paper, *beyond) if isinstance(f, Figure) or not f.number]
-        left = incomplete(context.data)
-        shown = [f if isinstance(f, Missing) else _of_no_paper(f) for f in beyond]
-        told = f"<p><strong>{escape(left)}</strong></p>" if left else ""
-        head = [("figures", "Figures", told + _figures(context, shown))]
-    else:
-        head = [
-            ("paper", paper_title(context.data), headline(context)),
-            ("figures", "The paper's figures from this study", _figures(context, paper)),
-            ("beyond", "Beyond the paper", _figures(context, beyond)),
-        ]
     parts = [
         ("model", "The model", model_html(context)),
-        *head,
+        ("published", comparison_title(context.data), headline(context)),
+        *_main_figures(context),
         ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
         *sections,
@@ -111,55 +87,56 @@ def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -
     )
 
 
-def _traced(content: str) -> str:
+def _traced(content: Markup) -> Markup:
     """A section of numbers with the command that prints them."""
     how = '<p class="how">Made by <code>mcstudy show OUT</code> (<code>--json</code> for every digit)</p>'
-    return content + how if content else ""
+    return content and content + Markup(how)
 
 
-def _figures(context: Context, items: list[Figure | Missing]) -> str:
-    shown = [
-        figure(
-            f,
-            published_beside(context, f.published),
-            f"mcstudy report OUT, after mcstudy run {context.name}.toml -o OUT",
-        )
+def _main_figures(context: Context) -> list[Section]:
+    """Figures of the study: those that the publication has too, and the others."""
+    main, publication = context.accuracy, context.publication
+    items = [*signal_figures(context), *search_figures(context), *estimate_figures(context)]
+    items += [pairs_figure(context), *minima_figures(context)]
+    if main is not None:
+        items += [efficiency_figure(main), *zipper_figures(main), *statistic_figures(main)]
+    numbered = [f for f in items if publication.counterparts.get(f.key, ALONE).number]
+    if not numbered:
+        return [("figures", "Figures", _figures(context, items))]
+    name = publication.name
+    others = [f for f in items if f not in numbered]
+    return [
+        ("figures", f"{name[0].upper()}{name[1:]}'s figures from this study", _figures(context, numbered)),
+        ("beyond", f"Beyond {name}", _figures(context, others)),
+    ]
+
+
+def _figures(context: Context, items: Sequence[Figure | Missing]) -> Markup:
+    """Figures, each with what the publication has of it."""
+    counterparts = context.publication.counterparts
+    made = f"mcstudy report OUT, after mcstudy run {context.name}.toml -o OUT"
+    shown = joined(
+        figure(f, made, counterpart, published_beside(context, counterpart.rows))
         for f in items
         if isinstance(f, Figure)
-    ]
-    return "".join(shown) + missing(f for f in items if isinstance(f, Missing))
+        for counterpart in [counterparts.get(f.key, ALONE)]
+    )
+    return shown + missing([f for f in items if isinstance(f, Missing)], counterparts)
 
 
-def _other_groups(context: Context) -> list[tuple[str, str, str]]:
+def _other_groups(context: Context) -> list[Section]:
     out = []
     for i, view in enumerate(context.others):
         items = [*estimates(context, view, f"-{i}"), efficiency_figure(view, f"-{i}"), *zipper_figures(view, f"-{i}")]
         items += statistic_figures(view, f"-{i}")
-        stripped = [f if isinstance(f, Missing) else _without_paper(f) for f in items]
-        differs = "".join(f"<li>{escape(d)}</li>" for d in view.differences)
-        intro = f"<p>Differs from {view.reference} in:</p><ul>{differs}</ul>" if differs else ""
-        out.append((f"group-{i}", f"Group {view.name}", intro + _figures(context, stripped)))
+        differs = joined(html("<li>{}</li>", d) for d in view.differences)
+        intro = differs and html("<p>Differs from the default settings in:</p><ul>{}</ul>", differs)
+        out.append((f"group-{i}", f"Group {view.name}", intro + _figures(context, items)))
     return out
 
 
-def _without_paper(content: Figure) -> Figure:
-    """The paper's numbers were compared with another group."""
-    return replace(content, published=())
-
-
-_OF_A_PAPER = re.compile(r"\bpaper|\bFig\.")
-
-
-def _of_no_paper(content: Figure) -> Figure:
-    """The same without number and sentences of a publication."""
-    text = tuple(
-        " ".join(s for s in re.split(r"(?<=\.) (?=[A-Z])", part) if not _OF_A_PAPER.search(s)) for part in content.text
-    )
-    return replace(content, number="", published=(), text=tuple(part for part in text if part))
-
-
-def _provenance(context: Context) -> str:
-    attributes, own = context.tree.attrs, context.main.group.model.declared
+def _provenance(context: Context) -> Markup:
+    attributes, publication = context.tree.attrs, context.publication
     environment = structured(attributes, "environment") or {}
     versions = environment.get("versions", {})
     rows = [
@@ -170,38 +147,27 @@ def _provenance(context: Context) -> str:
         ["machine", f"{environment.get('machine', '')} {environment.get('cpu', '')}"],
         ["versions", ", ".join(f"{k} {v}" for k, v in versions.items())],
     ]
-    compared = "" if own else "comparison with the paper, and "
-    commands = "\n".join(
-        [
+    settings = [
+        [name, value if isinstance(value, str) else json.dumps(value), unit, where]
+        for name, (value, unit, where) in publication.settings.items()
+    ]
+    claims = [[v.study, v.claim, v.where] for v in publication.claims]
+    published = [
+        ("Published settings", Table("Settings", ["setting", "value", "unit", "where"], settings)),
+        ("Published claims that other study files check", Table("Claims", ["study file", "claim", "where"], claims)),
+    ]
+    return (
+        code(
             f"mcstudy run {context.name}.toml -o OUT    # every fit",
             "mcstudy verify OUT    # checks what is stored and recomputes a sample",
-            f"mcstudy show OUT --json    # {compared}all numbers of every group",
+            "mcstudy show OUT --json    # all numbers of every group",
             "mcstudy report OUT -o page.html    # this page",
             "python    # any single figure",
             ">>> import mcstudy",
             ">>> from mcstudy.report import figures",
             '>>> tree = mcstudy.open_results("OUT")',
-        ]
-    )
-    settings = [
-        [name, json.dumps(value) if not isinstance(value, str) else value, unit, where]
-        for name, (value, unit, where) in context.publication.settings.items()
-    ]
-    variants = [[v.study, v.claim, v.where] for v in context.publication.claims]
-    return (
-        f"<pre><code>{escape(commands)}</code></pre>"
-        + table(Table("This study", ["", ""], rows), "facts")
-        + details("Study file", f"<pre><code>{escape(attributes.get('study', ''))}</code></pre>")
-        + (
-            ""
-            if own
-            else details(
-                "Settings the paper states",
-                table(Table("Paper's settings", ["setting", "value", "unit", "where"], settings), "facts"),
-            )
-            + details(
-                "Claims of the paper that other study files check",
-                table(Table("Further claims", ["study file", "claim", "where"], variants), "facts"),
-            )
         )
+        + table(Table("This study", ["", ""], rows), "facts")
+        + details("Study file", code(str(attributes.get("study", ""))))
+        + joined(details(summary, table(content, "facts")) for summary, content in published if content.rows)
     )

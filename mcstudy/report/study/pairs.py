@@ -6,15 +6,15 @@ from functools import partial
 
 import numpy as np
 
-from mcstudy.analysis.selection import sums_of
 from mcstudy.analysis.view import GroupView
+from mcstudy.models.quantities import sums
 from mcstudy.report import figures
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.common import MOST_POINTS, chosen_fmax
 from mcstudy.report.figures.pairs import WRITTEN, correlations_of
-from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 from mcstudy.report.study.context import Context, conditions, largest_amplitude, value_of
+from mcstudy.text_tables import Table
 
 MOST_ROWS = 12
 """Pairs in the table: stiffnesses that add up, then those of largest correlation."""
@@ -25,19 +25,18 @@ def pairs_figure(context: Context) -> Figure | Missing:
     title = "Correlation of the estimates"
     view = context.accuracy
     if view is None:
-        return Missing("", title, "no group with noise has more than one realization")
+        return Missing(title, "no group with noise has more than one realization")
     a, f = largest_amplitude(view), chosen_fmax(view)
-    added = [(m[0], m[1]) for m in sums_of(view.model.names).values() if len(m) == 2]
+    added = [(m[0], m[1]) for m in sums(view.model).values() if len(m) == 2]
     return Figure(
         "pairs",
-        "",
         title,
         [
             "Left: correlation of every pair of estimates over realizations. Its area is |r|; blue discs are positive, "
             f"orange squares negative; the upper half gives 100 r where |r| is at least {WRITTEN:g}. Right: best fits "
             f"of active and passive stiffness, one point per realization (at most the first {MOST_POINTS}). On the "
-            "dashed line their sum is the true one. The data determine this sum but not its parts (the paper's third "
-            "conclusion): points move along the line, up to the bounds.",
+            "dashed line their sum is the true one. The data determine this sum but not its parts: points move "
+            "along the line, up to the bounds.",
         ],
         [
             Panel("correlations", partial(figures.correlation_map, view, a, f), (4.3, 4.3)),

@@ -1,4 +1,4 @@
-"""Fig. 3A-C and the behaviour of the optimiser: waterfall, atlas of minima, accuracy by number of starts."""
+"""What the starts found: costs and controllers, starts needed, waterfall, atlas of minima, accuracy by starts."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from matplotlib.axes import Axes
 from mcstudy.analysis.accuracy import mean_absolute_bias_percent
 from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.search.by_starts import mean_cv, missed_by
+from mcstudy.analysis.search.convergence import starts_needed
+from mcstudy.analysis.search.stable_starts import hit_rate_by_start
 from mcstudy.analysis.show.missed import missed_percent, missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
@@ -19,40 +21,43 @@ from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.common import MOST_POINTS, of_all, sampled
 from mcstudy.report.figures.optimiser import MOST_CLUSTERS, atlas_of, by_starts_of
 from mcstudy.report.figures.search import MOST_CURVES, curve_of, pools_of_points, printed_starts
-from mcstudy.report.html import Table
-from mcstudy.report.labels import cell_label
+from mcstudy.report.labels import amplitude_label, cell_label, fmax_label
 from mcstudy.report.numbers import finite, short
 from mcstudy.report.study.context import Context, conditions, largest_amplitude, stat, value_of, with_ends
+from mcstudy.text_tables import Table, with_error
 
 CURVE_TITLE = "Starts needed"
 
+MOST_LOOPS = 40_000
+"""Starts of a group whose loops are looked at: one takes some 20 µs."""
 
-def paper_search_figures(context: Context) -> list[Figure | Missing]:
-    """Fig. 3A-C."""
-    return [_fig_3a(context), _fig_3b(context), _fig_3c(context)]
-
-
-def further_search_figures(context: Context) -> list[Figure | Missing]:
-    """Waterfall, atlas, accuracy by starts."""
-    return [_waterfall(context), _atlas(context), _by_starts(context)]
+ONE_START = "Does one start suffice?"
 
 
-def _fig_3a(context: Context) -> Figure | Missing:
+def search_figures(context: Context) -> list[Figure | Missing]:
+    """Costs and controllers, and the number of starts that is needed."""
+    return [_controller_error(context), _starts(context), _controller_error_with_noise(context)]
+
+
+def minima_figures(context: Context) -> list[Figure | Missing]:
+    """Waterfall, atlas, accuracy by starts, success by the loop at the start."""
+    return [_waterfall(context), _atlas(context), _by_starts(context), one_start(context)]
+
+
+def _controller_error(context: Context) -> Figure | Missing:
     title = "Without noise, a low cost means correct controllers"
     view = context.theory
     if view is None:
-        return Missing("Fig. 3A", title, "the study has no group without noise (simulator = 'none')")
+        return Missing(title, "the study has no group without noise (simulator = 'none')", "controller_error")
     f = float(view.cube["fmax"].values[-1])
     cell = next(c for c in context.cells(view) if c["fmax"] == f)
     return Figure(
-        "fig3a",
-        "Fig. 3A",
+        "controller_error",
         title,
         [
             f"Every start of group {view.name} without noise: cost J of its fit to the two FRFs against the error J_NC "
-            "of the four neural controllers. Bottom left: the true parameters were found. The paper's points form a "
-            "line because its solver stopped early; ours converges, so points gather at the truth (to rounding) and "
-            f"at the local minima.{of_all(view, pools_of_points(view))}",
+            "of the four neural controllers. Bottom left: the true parameters were found. Points gather at the truth "
+            f"(to rounding) and at the local minima.{of_all(view, pools_of_points(view))}",
         ],
         [Panel("cost and controller error", lambda ax: figures.controller_error(view, fmax=f, ax=ax))],
         [
@@ -66,24 +71,22 @@ def _fig_3a(context: Context) -> Figure | Missing:
                 ],
             )
         ],
-        ("theory_cost", "theory_misses", "theory_relation"),
         f'figures.controller_error(tree["{view.name}"], fmax={f:g})',
     )
 
 
-def _fig_3b(context: Context) -> Figure | Missing:
+def _starts(context: Context) -> Figure | Missing:
     noisy, free = context.pools, context.free_pools
     views = [v for v in (noisy, *context.other_solvers, free) if v is not None and v.group.starts > 1]
     if not views:
-        return Missing("Fig. 3B", CURVE_TITLE, "no group has more than one start")
+        return Missing(CURVE_TITLE, "no group has more than one start", "starts")
     shown = [(v, f) for v in views for f in v.cube["fmax"].values.tolist()]
     return Figure(
-        "fig3b",
-        "Fig. 3B",
+        "starts",
         CURVE_TITLE,
         [
-            "Expected lowest cost after x random starts: mean over realizations ± standard error (the paper shows SD), "
-            "one curve per condition. Where a curve is flat, more starts do not help. Computed from exact order "
+            "Expected lowest cost after x random starts: mean over realizations ± standard error, one curve per "
+            "condition. Where a curve is flat, more starts do not help. Computed from exact order "
             "statistics of the whole pool, not by resampling. The mean hides the realizations that need more starts: "
             f"see the median and the 90th percentile in the table.{of_all(views[0], sampled(views[0]))}",
         ],
@@ -92,7 +95,6 @@ def _fig_3b(context: Context) -> Figure | Missing:
             for v, f in shown
         ],
         [_starts_table(context, v) for v in views] + [_curve_table(v) for v in views],
-        ("starts_noise_free", "starts_5", "starts_3", "cost_order", "misses"),
         f'figures.starts_curve(tree["{views[0].name}"])',
     )
 
@@ -132,11 +134,11 @@ def _against_starts(caption: str, view: GroupView, result: xr.Dataset) -> Table:
     return Table(caption, ["starts", *(cell_label(view, a, f) for a, f in cells)], rows)
 
 
-def _fig_3c(context: Context) -> Figure | Missing:
+def _controller_error_with_noise(context: Context) -> Figure | Missing:
     title = "With noise, a low cost no longer guarantees correct controllers"
     view = context.accuracy
     if view is None:
-        return Missing("Fig. 3C", title, "no group with noise has more than one realization")
+        return Missing(title, "no group with noise has more than one realization", "controller_error_with_noise")
     header = ["condition", "median cost J", "median J_NC", "unstable best fits (%)"]
     rows = [
         [
@@ -148,8 +150,7 @@ def _fig_3c(context: Context) -> Figure | Missing:
         for c in context.cells(view)
     ]
     return Figure(
-        "fig3c",
-        "Fig. 3C",
+        "controller_error_with_noise",
         title,
         [
             "Best fit of every realization: cost against error of the neural controllers (over all frequencies, also "
@@ -161,7 +162,6 @@ def _fig_3c(context: Context) -> Figure | Missing:
             for f in sorted({f for _, f in conditions(view)})
         ],
         [Table("Best fits, ± MCSE", header, rows)],
-        ("unstable_8", "unstable_8_most", *(f"relation_{r}_{o}" for r in ("noise", "8hz") for o in ("starts", "best"))),
         f'figures.controller_error_by_noise(tree["{view.name}"], fmax={view.cube["fmax"].values[-1]:g})',
     )
 
@@ -171,10 +171,9 @@ def _waterfall(context: Context) -> Figure | Missing:
     views = [v for v in dict.fromkeys((context.pools, context.accuracy, context.theory)) if v is not None]
     views = [v for v in views if v.group.starts > 1]
     if not views:
-        return Missing("", title, "no group has more than one start")
+        return Missing(title, "no group has more than one start")
     return Figure(
         "waterfall",
-        "",
         title,
         [
             "Costs of all starts of a realization, sorted, divided by the realization's lowest; one line per "
@@ -192,7 +191,6 @@ def _waterfall(context: Context) -> Figure | Missing:
             for a, f in conditions(v, ends_only=True)
         ],
         [_hits_table(v) for v in views],
-        (),
         f'figures.waterfall(tree["{views[0].name}"])',
     )
 
@@ -223,12 +221,11 @@ def _atlas(context: Context) -> Figure | Missing:
     title = "Atlas of local minima"
     view = context.accuracy or context.theory
     if view is None or view.group.starts < 2:
-        return Missing("", title, "no group has more than one start")
+        return Missing(title, "no group has more than one start")
     amplitude = largest_amplitude(view)
     fmaxes = [f for a, f in conditions(view) if a == amplitude]
     return Figure(
         "atlas",
-        "",
         title,
         [
             "Local minima of all realizations, clustered by their position between the bounds (no parameter further "
@@ -239,7 +236,6 @@ def _atlas(context: Context) -> Figure | Missing:
         ],
         [Panel(f"Fmax {f:g} Hz", partial(figures.basin_atlas, view, amplitude, f), (4.3, 4.4)) for f in fmaxes],
         [_atlas_table(view, amplitude, f) for f in fmaxes],
-        (),
         f'figures.basin_atlas(tree["{view.name}"], amplitude={amplitude:g}, fmax={fmaxes[-1]:g})',
     )
 
@@ -268,10 +264,9 @@ def _by_starts(context: Context) -> Figure | Missing:
     title = "Bias and CV against the number of starts"
     view = context.accuracy
     if view is None or view.group.starts < 2:
-        return Missing("", title, "no group with noise has more than one realization and more than one start")
+        return Missing(title, "no group with noise has more than one realization and more than one start")
     return Figure(
         "bystarts",
-        "",
         title,
         [
             "Mean |bias| and coefficient of variation over parameters when only the first x starts of every "
@@ -287,7 +282,6 @@ def _by_starts(context: Context) -> Figure | Missing:
             _against_starts("Mean coefficient of variation (± MCSE)", view, by_starts_of(view, mean_cv)),
             _missed_table(view),
         ],
-        (),
         f'figures.bias_by_starts(tree["{view.name}"])',
     )
 
@@ -316,3 +310,69 @@ def relative_errors(view: GroupView) -> list[list[str]]:
             [name, short(truth, 4), short(found, 4), "-" if finite(error or 0.0) is None else short(error or 0.0, 2)]
         )
     return rows
+
+
+def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
+    """Success rate of starts, by whether the loop is stable at the start, for every group with several starts."""
+    title = f"{ONE_START} (study {context.name})"
+    views = [v for v in context.held if v.group.starts > 1]
+    if not views:
+        return Missing(title, "no group has more than one start")
+    rates = {}
+    for view in views:
+        a = largest_amplitude(view)
+        cube = view.cube[["initial", "cost", "status"]].sel(amplitude=[a])
+        a_realization = cube.sizes["fmax"] * cube.sizes["start"]
+        some = cube.isel(realization=slice(0, max(1, MOST_LOOPS // a_realization))).load()
+        done = some["cost"].notnull().any(("amplitude", "fmax", "start"))
+        held = some.isel(realization=np.flatnonzero(done.values))
+        hits = starts_needed(held)["hit_rate"].mean("realization").isel(amplitude=0)
+        rates[view.name] = view, a, hits, hit_rate_by_start(held, view.model).isel(amplitude=0)
+    titles = {name: f"{name}, {amplitude_label(v, a)}" for name, (v, a, _, _) in rates.items()}
+    return Figure(
+        key,
+        title,
+        [
+            "Fraction of all starts that reach the lowest minimum of their realization, ± MCSE, by whether the loop of "
+            "the model is stable at the start. A fit that starts unstable usually stays unstable. Where every stable "
+            "start succeeds, one reasonable guess is enough; the fraction of stable starts is in the table.",
+            "Ours, at the lowest and the highest Fmax: "
+            + "; ".join(
+                f"{name} {_of_stable(r, 0)} and {_of_stable(r, -1)} of stable starts succeed"
+                for name, (_, _, _, r) in rates.items()
+            )
+            + ".",
+        ],
+        [Panel(titles[name], partial(figures.hit_rate_bars, r, titles[name])) for name, (_, _, _, r) in rates.items()],
+        [
+            Table(
+                f"Group {name} ({v.group.model.title.replace('_', ' ')}), {amplitude_label(v, a)}: starts that reach "
+                "the minimum (% ± MCSE)",
+                ["Fmax", "all", "stable start", "worst realization", "unstable start", "stable among starts"],
+                [
+                    [
+                        fmax_label(float(f)),
+                        short(100 * hits.sel(fmax=f), 3),
+                        _percent(r, f, "stable"),
+                        short(100 * r["worst"].sel(fmax=f, loop="stable"), 3),
+                        _percent(r, f, "unstable"),
+                        short(100 * r["starts"].sel(fmax=f, loop="stable") / r["starts"].sel(fmax=f).sum(), 2),
+                    ]
+                    for f in r["fmax"].values
+                ],
+            )
+            for name, (v, a, hits, r) in rates.items()
+        ],
+        python="figures.hit_rate_bars(tree[GROUP].mc.hit_rate_by_start().isel(amplitude=-1))",
+    )
+
+
+def _of_stable(rate: xr.Dataset, fmax: int) -> str:
+    value = finite(rate["value"].isel(fmax=fmax).sel(loop="stable"))
+    return "none" if value is None else f"{100 * value:.0f} %"
+
+
+def _percent(rate: xr.Dataset, fmax: float, loop: str) -> str:
+    here = rate.sel(fmax=fmax, loop=loop)
+    value, mcse = finite(here["value"]), finite(here["mcse"])
+    return with_error(None if value is None else 100 * value, None if mcse is None else 100 * mcse)

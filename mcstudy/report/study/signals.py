@@ -1,4 +1,4 @@
-"""Fig. 2: stimulus, noise, sway, and the error of a time simulation."""
+"""Stimulus, noise, sway, and the error of a time simulation."""
 
 from __future__ import annotations
 
@@ -9,40 +9,39 @@ import numpy as np
 from mcstudy.report import figures
 from mcstudy.report.figure import Figure, Missing, Panel
 from mcstudy.report.figures.signals import Signals, cycles
-from mcstudy.report.html import Table
 from mcstudy.report.labels import unit
 from mcstudy.report.numbers import short
 from mcstudy.report.study.context import Context
+from mcstudy.text_tables import Table
 
 RECORD = (11.0, 1.9)
 """Size of a record of minutes, inches: the width of the page."""
 
 
 def signal_figures(context: Context) -> list[Figure | Missing]:
-    """Fig. 2A-D of the study's own stimulus, noise and truth: its first realization at its smallest amplitude."""
+    """The study's own stimulus, noise and truth: the first realization at the smallest amplitude; of a body."""
     view = context.main
+    if view.group.model.declared:  # whose angles need not be in degrees
+        return []
     s = Signals.of(view, context.seed, float(view.cube["amplitude"].values[0]))
     python = f'figures.NAME(figures.Signals.of(tree["{view.name}"], {context.seed}, {s.amplitude:g}))'
     peak = f"{s.amplitude:g} {unit(view)} ({view.group.stimulus.convention.replace('_', ' ')})"
     what = "Sum of cosines" if view.group.stimulus.lines.harmonic else "Pseudorandom ternary stimulus"
     rms = np.degrees(s.noise_sway).std(axis=0)
-    stated = context.publication.settings.get("noise-evoked sway RMS", ((), "", ""))[0]
-    paper = [f"about {x:g}" for x in stated] or ["-"] * len(s.angles)
     f, error = s.frf_error(view.group.stimulus.discard)
     _, early = s.frf_error(0)
     sampling = s.sampling_error(f)
     angles = "θ1 is the lower body in space, θ2 the joint above it" if len(s.angles) == 2 else "θ1 is the body in space"
     return [
         Figure(
-            "fig2a",
-            "Fig. 2A",
+            "noise",
             "Stimulus and sensor noise",
             [
                 f"{what} of {peak}, {s.cycles} cycles of {s.periodic.period_s:g} s; sensor noise "
                 "that is added to the sensed angles (low-pass filtered pink noise); and the sway that this noise alone "
                 "evokes.",
                 "RMS of that sway in this realization: "
-                + ", ".join(f"{n} {short(rms[i], 2)}° (paper {paper[i]}°)" for i, n in enumerate(s.angles))
+                + ", ".join(f"{n} {short(rms[i], 2)}°" for i, n in enumerate(s.angles))
                 + ".",
             ],
             [
@@ -50,19 +49,10 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
                 Panel("sensor noise", partial(figures.sensor_noise_record, s), RECORD),
                 Panel("sway evoked by the noise alone", partial(figures.noise_sway_record, s), RECORD),
             ],
-            [
-                Table(
-                    "RMS of the noise-evoked sway, this realization (°)",
-                    ["angle", "ours", "paper"],
-                    [[n, short(rms[i], 2), paper[i]] for i, n in enumerate(s.angles)],
-                )
-            ],
-            published=("sway_1", "sway_1_cycle", "sway_2", "sway_2_cycle"),
             python=python.replace("NAME", "sensor_noise_record"),
         ),
         Figure(
-            "fig2b",
-            "Fig. 2B",
+            "spectra",
             "Power spectra",
             [
                 "Left: power of the stimulus at its excited lines (odd harmonics only), falling with the square of "
@@ -77,16 +67,14 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             python=python.replace("NAME", "noise_spectrum"),
         ),
         Figure(
-            "fig2c",
-            "Fig. 2C",
+            "sway",
             "Realistic sway",
             [f"Sway evoked by stimulus and noise together; {angles}."],
             [Panel("sway", partial(figures.sway_record, s), RECORD)],
             python=python.replace("NAME", "sway_record"),
         ),
         Figure(
-            "fig2d",
-            "Fig. 2D",
+            "simulation_error",
             "Error of a time simulation",
             [
                 "Time integration from rest, without noise, compared with the exact steady state. Left: error of the "
@@ -94,11 +82,6 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
                 "relative error of the FRFs. It is caused by sampling (crosses): the FRF is divided by the DFT of the "
                 "torque's samples, while the body is driven by the torque between them; a torque that is linear "
                 "between samples has Fourier coefficients (sin x / x)² times those of its samples, x = π f / rate.",
-                "The paper saw small, systematic errors at every solver and up to 10,000 Hz that disturbed fits at "
-                "high frequency, where the FRF is small, and left them unexplained. Sampling explains these features: "
-                "small in sway, repeated in every cycle, growing with frequency, independent of the solver. A "
-                "transient does not: with the first cycle kept (dotted) errors are no longer small. Evidence: "
-                "pipelines/fig2d.md.",
             ],
             [
                 Panel("sway error over time", partial(figures.simulation_error_record, s)),

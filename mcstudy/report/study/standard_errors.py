@@ -11,11 +11,10 @@ from mcstudy.report import figures
 from mcstudy.report.figure import Figure, Panel
 from mcstudy.report.figures.common import MOST_POINTS, chosen_fmax
 from mcstudy.report.figures.zipper import performance_of
-from mcstudy.report.html import Table
 from mcstudy.report.labels import cell_label
 from mcstudy.report.numbers import finite
 from mcstudy.report.study.context import largest_amplitude
-from mcstudy.text_tables import with_error
+from mcstudy.text_tables import Table, with_error
 
 COVERAGES = ("coverage", "bias_eliminated_coverage")
 
@@ -35,7 +34,6 @@ def zipper_figures(view: GroupView, suffix: str = "") -> list[Figure]:
     return [
         Figure(
             f"zipper{suffix}",
-            "",
             f"Intervals from the standard errors, group {view.name}",
             [
                 f"95 % intervals (estimate ± 1.96 standard errors) of {cell_label(view, a, f)}, one line per "
@@ -58,7 +56,6 @@ def zipper_figures(view: GroupView, suffix: str = "") -> list[Figure]:
                     rows,
                 )
             ],
-            (),
             f'figures.zipper(tree["{view.name}"], "{view.model.names[0]}", amplitude={a:g}, fmax={f:g})',
         )
     ]

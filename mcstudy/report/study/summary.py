@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import Any
 
 import xarray as xr
+from markupsafe import Markup
 
 from mcstudy.analysis.show.tables import Report
-from mcstudy.report.html import escape
+from mcstudy.report.html import html
 from mcstudy.report.study.context import Context
 from mcstudy.report.study.tables import group_overviews, headline, introduction
 
@@ -48,7 +49,5 @@ class StudySummary:
 
     def _repr_html_(self) -> str:
         c = self.context
-        return (
-            f'<div class="mcstudy"><style>{_STYLE}</style><h2>{escape(c.name)}</h2>{introduction(c)}'
-            f"{headline(c)}{group_overviews(c)}</div>"
-        )
+        parts = introduction(c) + headline(c) + group_overviews(c)
+        return str(html('<div class="mcstudy"><style>{}</style><h2>{}</h2>{}</div>', Markup(_STYLE), c.name, parts))

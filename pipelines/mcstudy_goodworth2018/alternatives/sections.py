@@ -7,45 +7,32 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 
-from mcstudy.analysis.search.convergence import starts_needed
-from mcstudy.analysis.search.stable_starts import hit_rate_by_start
-from mcstudy.report.figure import Figure, Missing, Panel, figure, missing
-from mcstudy.report.figures.stable_starts import hit_rate_bars
-from mcstudy.report.html import Table
-from mcstudy.report.labels import amplitude_label, fmax_label
-from mcstudy.report.numbers import finite, short
-from mcstudy.report.study.context import Context, largest_amplitude
-from mcstudy.text_tables import with_error
+from mcstudy.report.document import Section
+from mcstudy.report.figure import Figure, Missing, Panel, figures
+from mcstudy.report.html import html, joined
+from mcstudy.report.numbers import short
+from mcstudy.report.study.context import Context
+from mcstudy.report.study.search import one_start
+from mcstudy.text_tables import Table, with_error
 from mcstudy_goodworth2018.alternatives import figures as drawn
 from mcstudy_goodworth2018.alternatives.files import PopulationResult, TwoStimuliResult, read_alternative
-
-MOST_STARTS = 40_000
-"""Starts of a group whose loops are looked at: one takes some 20 µs."""
-
-ONE_START = "Does one start suffice?"
 
 DISCUSSION = "Goodworth & Peterka 2018, Discussion"
 
 
-def alternatives(context: Context, beside: Sequence[tuple[Path, Context | None]]) -> tuple[str, str, str]:
+def alternatives(beside: Sequence[tuple[Path, Context | None]]) -> Section:
     """The section of a study's page: its key, its title and its content.
 
     ``beside``: files that are shown too, each with the study of its cube or None for a result of `files`.
     """
-    items = [(one_start(context), f"mcstudy report OUT, after mcstudy run {context.name}.toml -o OUT")]
-    items += [_companion(file, study, f"beside-{i}") for i, (file, study) in enumerate(beside)]
-    shown = "".join(figure(item, "", how) if isinstance(item, Figure) else missing([item]) for item, how in items)
-    more = (
-        ""
-        if beside
-        else (
-            "<p>To show identification from two stimuli and fits to a population's mean here, use <code>mcstudy report "
-            "OUT --beside FILE</code>; the scripts in <code>pipelines/examples</code> make the files.</p>"
-        )
+    items = [_companion(file, study, f"beside-{i}") for i, (file, study) in enumerate(beside)]
+    shown = joined(figures([item], how) for item, how in items)
+    more = html(
+        "<p>To show identification from two stimuli and fits to a population's mean here, use <code>mcstudy report OUT "
+        "--beside FILE</code>; the scripts in <code>pipelines/examples</code> make the files.</p>"
     )
-    return "alternatives", "Alternatives the paper discusses", shown + more
+    return "alternatives", "Alternatives the paper discusses", shown if beside else more
 
 
 def _companion(file: Path, study: Context | None, key: str) -> tuple[Figure | Missing, str]:
@@ -55,75 +42,6 @@ def _companion(file: Path, study: Context | None, key: str) -> tuple[Figure | Mi
         return one_start(study, key), how
     result = read_alternative(file)
     return two_stimuli(result, key) if isinstance(result, TwoStimuliResult) else population(result, key), result.command
-
-
-def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
-    """Success rate of starts, by whether the loop is stable at the start, for every group with several starts."""
-    title = f"{ONE_START} (study {context.name})"
-    views = [v for v in context.held if v.group.starts > 1]
-    if not views:
-        return Missing("", title, "no group has more than one start")
-    rates = {}
-    for view in views:
-        a = largest_amplitude(view)
-        cube = view.cube[["initial", "cost", "status"]].sel(amplitude=[a])
-        a_realization = cube.sizes["fmax"] * cube.sizes["start"]
-        some = cube.isel(realization=slice(0, max(1, MOST_STARTS // a_realization))).load()
-        done = some["cost"].notnull().any(("amplitude", "fmax", "start"))
-        held = some.isel(realization=np.flatnonzero(done.values))
-        hits = starts_needed(held)["hit_rate"].mean("realization").isel(amplitude=0)
-        rates[view.name] = view, a, hits, hit_rate_by_start(held, view.model).isel(amplitude=0)
-    titles = {name: f"{name}, {amplitude_label(v, a)}" for name, (v, a, _, _) in rates.items()}
-    return Figure(
-        key,
-        "",
-        title,
-        [
-            "Fraction of all starts that reach the lowest minimum of their realization, ± MCSE, by whether the loop of "
-            "the model is stable at the start. A fit that starts unstable usually stays unstable. Where every stable "
-            "start succeeds, one reasonable guess is enough; the fraction of stable starts is in the table.",
-            f"{DISCUSSION}: with a single-link pendulum the fit “typically converges to what is likely to be a global "
-            "minimum value with a single set of reasonable initial guesses”, with two segments it frequently does not.",
-            "Ours, at the lowest and the highest Fmax: "
-            + "; ".join(
-                f"{name} {_of_stable(r, 0)} and {_of_stable(r, -1)} of stable starts succeed"
-                for name, (_, _, _, r) in rates.items()
-            )
-            + ".",
-        ],
-        [Panel(titles[name], partial(hit_rate_bars, r, titles[name])) for name, (_, _, _, r) in rates.items()],
-        [
-            Table(
-                f"Group {name} ({v.group.model.title.replace('_', ' ')}), {amplitude_label(v, a)}: starts that reach "
-                "the minimum (% ± MCSE)",
-                ["Fmax", "all", "stable start", "worst realization", "unstable start", "stable among starts"],
-                [
-                    [
-                        fmax_label(float(f)),
-                        short(100 * hits.sel(fmax=f), 3),
-                        _percent(r, f, "stable"),
-                        short(100 * r["worst"].sel(fmax=f, loop="stable"), 3),
-                        _percent(r, f, "unstable"),
-                        short(100 * r["starts"].sel(fmax=f, loop="stable") / r["starts"].sel(fmax=f).sum(), 2),
-                    ]
-                    for f in r["fmax"].values
-                ],
-            )
-            for name, (v, a, hits, r) in rates.items()
-        ],
-        python="figures.hit_rate_bars(tree[GROUP].mc.hit_rate_by_start().isel(amplitude=-1))",
-    )
-
-
-def _of_stable(rate: xr.Dataset, fmax: int) -> str:
-    value = finite(rate["value"].isel(fmax=fmax).sel(loop="stable"))
-    return "none" if value is None else f"{100 * value:.0f} %"
-
-
-def _percent(rate: xr.Dataset, fmax: float, loop: str) -> str:
-    here = rate.sel(fmax=fmax, loop=loop)
-    value, mcse = finite(here["value"]), finite(here["mcse"])
-    return with_error(None if value is None else 100 * value, None if mcse is None else 100 * mcse)
 
 
 def two_stimuli(result: TwoStimuliResult, key: str) -> Figure:
@@ -137,7 +55,6 @@ def two_stimuli(result: TwoStimuliResult, key: str) -> Figure:
     ]
     return Figure(
         key,
-        "",
         "Two stimuli without a model of the controllers",
         [
             "Distance of the mean estimate of each neural controller from the truth, for the cross-spectral estimate "
@@ -189,7 +106,6 @@ def population(result: PopulationResult, key: str) -> Figure:
     ]
     return Figure(
         key,
-        "",
         "Mean of fits, fit to the mean",
         [
             "Bias ± MCSE (thick) and SD over populations (thin) of the population's mean parameters, by fitting every "

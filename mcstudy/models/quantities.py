@@ -1,17 +1,21 @@
-"""Quantities whose intervals are wanted: parameters, expressions of them, and Python functions."""
+"""Quantities that follow from the parameters of a model: parameters, expressions of them, and Python functions.
+
+Those that a model declares (`mcstudy.stance.feedback.Derived`) have statistics, intervals and bounds as its parameters
+have; others are asked for by name.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mcstudy import expressions
 from mcstudy.errors import InputError
-from mcstudy.stance.feedback import Model
+from mcstudy.stance.feedback import Derived, Model
 
 STEP = 1e-20
 """Imaginary step of the derivative of an expression: exact to rounding, because nothing is subtracted."""
@@ -37,6 +41,7 @@ class Quantity:
     name: as it is printed. unit: its unit, "" when it is not known.
     value: of parameters (P,). gradient: derivative (P,) at parameters (P,).
     linear: whether the gradient is the same everywhere.
+    of: of parameters (..., P) at once, (...); None for a Python function, which takes one body.
     """
 
     name: str
@@ -44,13 +49,21 @@ class Quantity:
     value: Callable[[np.ndarray], float]
     gradient: Callable[[np.ndarray], np.ndarray]
     linear: bool = False
+    of: Callable[[np.ndarray], np.ndarray] | None = None
+
+    @property
+    def label(self) -> str:
+        """Its name in cubes and tables: an expression without blanks, ``K11+Kpas1``."""
+        return self.name.replace(" ", "")
 
 
 def parameter(model: Model, name: str) -> Quantity:
     """One of the parameters of ``model``."""
     k = model.names.index(name)
     unit = np.eye(len(model.names))[k]
-    return Quantity(name, model.units[k], lambda theta: float(theta[k]), lambda _: unit, linear=True)
+    return Quantity(
+        name, model.units[k], lambda theta: float(theta[k]), lambda _: unit, True, lambda theta: theta[..., k]
+    )
 
 
 def expression(model: Model, text: str) -> Quantity:
@@ -58,15 +71,15 @@ def expression(model: Model, text: str) -> Quantity:
 
     Raises `InputError` for anything else, and for an expression that no parameter changes.
     """
-    formula = expressions.expression(text, model.names, "quantity", EXAMPLE)
+    formula = expressions.expression(text, [*model.names, "pi"], "quantity", EXAMPLE)
     shown = expressions.shortened(text)
-    if not formula.names:
+    if not formula.names - {"pi"}:
         raise InputError(
             f"quantity {shown!r}: expected a function of at least one parameter ({', '.join(model.names)})"
         )
 
     def at(theta: np.ndarray) -> Any:  # where it is not defined it is nan or infinite, and its interval ends
-        return formula(dict(zip(model.names, theta, strict=True)))
+        return formula({"pi": np.pi, **dict(zip(model.names, np.moveaxis(theta, -1, 0), strict=True))})
 
     def gradient(theta: np.ndarray) -> np.ndarray:
         steps = np.asarray(theta, dtype=complex) + 1j * STEP * np.eye(len(theta))
@@ -76,10 +89,37 @@ def expression(model: Model, text: str) -> Quantity:
     if not any(np.any(gradient(size * model.truth)) for size in (1.0, 1.3)):
         raise InputError(f"quantity {shown!r}: expected a function that changes with at least one parameter")
     constant = gradient(model.truth) if formula.linear else None
-    units = {model.units[model.names.index(name)] for name in formula.names}
+    units = {model.units[model.names.index(name)] for name in formula.names if name in model.names}
     unit = units.pop() if formula.linear and len(units) == 1 else ""
     slope = gradient if constant is None else lambda _: constant
-    return Quantity(text, unit, lambda theta: float(at(theta)), slope, formula.linear)
+    return Quantity(text, unit, lambda theta: float(at(theta)), slope, formula.linear, at)
+
+
+def derived(model: Model) -> tuple[Quantity, ...]:
+    """The quantities that ``model`` declares, those left out that need a parameter which it no longer has."""
+    found = []
+    for d in model.derived:
+        if names_of(d, model.names):
+            found.append(replace(expression(model, d.value), name=d.name, unit=d.unit))
+    return tuple(found)
+
+
+def names_of(d: Derived, known: Collection[str]) -> frozenset[str]:
+    """The parameters that a quantity follows from; none where one of them is not known."""
+    try:
+        return expressions.expression(d.value, [*known, "pi"], "derived", EXAMPLE).names - {"pi"}
+    except InputError:
+        return frozenset()
+
+
+def sums(model: Model) -> dict[str, tuple[str, ...]]:
+    """The declared quantities that are plain sums of parameters, by name, with what they add up."""
+    found = {}
+    for q in derived(model):
+        slope = q.gradient(model.truth)
+        if q.linear and {*slope} <= {0.0, 1.0} and q.value(np.zeros(slope.size)) == 0:
+            found[q.name] = tuple(n for n, k in zip(model.names, slope, strict=True) if k)
+    return found
 
 
 def function(model: Model, name: str, formula: Callable[[Mapping[str, float]], float]) -> Quantity:
@@ -127,12 +167,11 @@ def require_finite(model: Model, wanted: Sequence[Quantity], theta: np.ndarray) 
 
 
 def quantities(model: Model, given: Sequence[str] | Mapping[str, Any] = ()) -> tuple[Quantity, ...]:
-    """All parameters of ``model``, the sums of active and passive stiffness it has, and those ``given``.
+    """All parameters of ``model``, the quantities that it declares, and those ``given``.
 
     ``given``: expressions, or a mapping from names to expressions and functions.
     """
-    sums = [f"{a} + {b}" for a, b in (("K11", "Kpas1"), ("K22", "Kpas2")) if {a, b} <= set(model.names)]
-    wanted = [*(parameter(model, name) for name in model.names), *(expression(model, text) for text in sums)]
+    wanted = [*(parameter(model, name) for name in model.names), *derived(model)]
     named = given if isinstance(given, Mapping) else {text: text for text in given}
     for name, formula in named.items():
         if name in {q.name for q in wanted}:

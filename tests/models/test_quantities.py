@@ -11,8 +11,8 @@ from mcstudy.errors import InputError
 from mcstudy.expressions import expression as formula
 from mcstudy.fitting.penalised import whiten
 from mcstudy.fitting.problem import Data
-from mcstudy.identification.quantities import expression, function, quantities, require_finite
 from mcstudy.identification.trades import bodies
+from mcstudy.models.quantities import expression, function, quantities, require_finite
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.response import frf
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from mcstudy.results.fit import FitResult
     from mcstudy.results.group_result import GroupResult
     from mcstudy.stance.body import Body
-    from mcstudy.stance.feedback import Derived, Filter, Model, Parameter, Term
+    from mcstudy.stance.feedback import Derived, Filter, Model, Output, OutputTerm, Parameter, Term
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
 
@@ -56,6 +56,8 @@ _FROM = {
     "InputError": "errors",
     "Interrupted": "errors",
     "Model": "stance.feedback",
+    "Output": "stance.feedback",
+    "OutputTerm": "stance.feedback",
     "Parameter": "stance.feedback",
     "Recording": "recordings.recording",
     "Study": "study.design",
@@ -107,6 +109,8 @@ __all__ = [
     "InputError",
     "Interrupted",
     "Model",
+    "Output",
+    "OutputTerm",
     "Parameter",
     "Recording",
     "Study",

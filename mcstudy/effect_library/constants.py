@@ -45,7 +45,7 @@ def with_constants(model: Model, values: Mapping[str, float]) -> Model:
         parameters=tuple(p for p in model.parameters if p.name not in values),
         terms=tuple(terms),
         filters=tuple(f for f in filters if f.name in used),
-        output_filters=(output[0], output[1]),
+        output_filters=output,
     )
 
 

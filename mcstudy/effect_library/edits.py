@@ -149,7 +149,7 @@ def filter_output(model: Model, angles: Sequence[int], filt: Filter) -> Model:
         if placed.name not in {f.name for f in filters}:
             filters.append(placed)
         output[k] = placed.name
-    return replace(model, filters=tuple(filters), output_filters=(output[0], output[1]))
+    return replace(model, filters=tuple(filters), output_filters=tuple(output))
 
 
 def is_active(term: Term) -> bool:

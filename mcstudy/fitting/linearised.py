@@ -32,7 +32,7 @@ from mcstudy.fitting.equation_error import LinearTable, propose
 from mcstudy.fitting.problem import Problem
 from mcstudy.fitting.solvers import Options, fit_many
 from mcstudy.fitting.starts import sobol, uniform
-from mcstudy.stance.feedback import Model, Table
+from mcstudy.stance.feedback import Model, Table, require_plain
 from mcstudy.stance.response import sensed_stimulus
 
 STOP = np.nan
@@ -74,6 +74,7 @@ class LinearModel:
     @classmethod
     def of(cls, model: Model, f: np.ndarray) -> LinearModel:
         """Prepare ``model`` for frequencies ``f`` in Hz, (N,); raises `ModelError` when a gain enters nonlinearly."""
+        require_plain(model, "a linearised start")
         table = model.table
         _require_linear(model)
         s = 2j * np.pi * np.asarray(f, dtype=float)

@@ -11,7 +11,7 @@ from mcstudy.errors import ModelError
 from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Filters, Plan, Scratch, Workspace
 from mcstudy.fitting.lanes import WIDTH
-from mcstudy.stance.feedback import Model, Table
+from mcstudy.stance.feedback import Model, Table, require_plain
 from mcstudy.stance.response import sensed_stimulus
 
 CACHE_LINE = 64
@@ -23,6 +23,7 @@ def plan(model: Model, f: np.ndarray) -> Plan:
 
     Raises `ModelError` when a filter's coefficient holds a negative power of a parameter.
     """
+    require_plain(model, "a fit")
     table, omega = model.table, 2 * np.pi * np.asarray(f, dtype=float)
     if (table.monomial_power < 0).any() or (table.monomial[:, 3] < 0).any():
         raise ModelError(f"model {model.name}: filter coefficients may not hold negative powers of parameters")

@@ -372,7 +372,7 @@ def table_of(model: Model) -> dict[str, Any]:
         raise ModelError(f"model {model.name}: expected a single stimulus, got {len(model.blocks)}")
     n = model.n_angles
     joints, angles = tuple(reversed(model.rows))[:n], model.angles[:n]
-    sums = {(1.0, 1.0, 0.0): " + ".join(angles)}
+    sums: dict[tuple[float, ...], str] = {(1.0, 1.0, 0.0): " + ".join(angles)}
     sums |= {(float(k == 0), float(k == 1), 0.0): angle for k, angle in enumerate(angles)}
     own = angles[0] if n == 1 else ""
 

@@ -1,14 +1,22 @@
 """The closed loop as a table of terms.
 
-Both rows of the equations of motion are linear in the joint angles, so the whole model is the 2 x 2 matrix
+The R equations of motion are linear in the R joint angles, so the whole model is the R x R matrix
 
     A(s) = sum over terms of  coefficient * gain * e_row * sense^T * s^order * exp(-delay s) * filters(s)
-    A(s) theta(s) = b(s) u(s)
+    A(s) q(s) = b(s) u(s)
 
-with theta = (theta1, theta2) the joint angles and u the stimulus. Inertia, gravity, passive stiffness, every
-neural controller and the stimulus itself are rows of one table (terms that sense ``"stimulus"`` make b(s)). The
-closed form, its exact derivatives, the compiled fit kernel, the stability test and the time-domain simulator all
-read this table; no equation of the model is written anywhere else.
+with q the joint angles and u the stimulus. An unknown may also be auxiliary, such as a torque that is fed back: its
+row is then no balance of torques but the equation that defines it, and needs no inertia. Inertia, gravity, passive
+stiffness, every neural controller and the stimulus itself are rows of one table (terms that sense ``"stimulus"`` make
+b(s)). The closed form, its exact derivatives, the compiled fit kernel, the stability test and the time-domain
+simulator all read this table; no equation of the model is written anywhere else.
+
+What is measured is the Y *outputs*: the angles themselves, or declared sums of angles, their derivatives and the
+stimulus, with known numbers,
+
+    y(s) = C(s) diag(F(s)) q(s) + d(s) u(s)
+
+with F the sensors' filters (`Model.output_filters`).
 
 Source of the model: Goodworth & Peterka 2018, Appendix and Fig. 1B (the instances are in `mcstudy.stance.body`).
 """
@@ -26,11 +34,17 @@ from mcstudy.expressions import expression
 from mcstudy.stance.polynomials import pieces
 from mcstudy.stance.provenance import with_replaced
 
+MOST_ROWS = 4
+"""Most rows of a model."""
+
+ORDERS = (-1, 0, 1, 2)
+"""Powers of s that terms and outputs may have."""
+
 ROWS = ("hip", "ankle")
-"""Names of the two torque balances, in the order of the rows of A(s)."""
+"""Names of the two torque balances of the standing body, in the order of the rows of A(s)."""
 
 ANGLES = ("theta1", "theta2")
-"""Names of the two joint angles, in the order of the columns of A(s)."""
+"""Names of its two joint angles, in the order of the columns of A(s)."""
 
 NO_ROW, NO_ANGLE = "unused", "none"
 """Row and angle that a model of one joint does not have."""
@@ -41,7 +55,8 @@ SENSES: dict[str, tuple[float, float, float]] = {
     "theta2s": (1.0, 1.0, 0.0),
     "stimulus": (0.0, 0.0, -1.0),
 }
-"""What a term may sense, as weights on (theta1, theta2, stimulus). theta2s is the upper body in space."""
+"""What a term of a standing body may sense, as weights on (theta1, theta2, stimulus). theta2s is the upper body in
+space."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,19 +205,57 @@ class Derived:
         object.__setattr__(self, "name", self.name or self.value)
 
 
-def _weights(text: str, angles: tuple[str, ...]) -> tuple[float, float, float] | None:
-    """Weights of a sum of angles, None for what is none."""
+def _weights(text: str, angles: tuple[str, ...]) -> tuple[float, ...] | None:
+    """Weights of a sum of angles on them and the stimulus, (R + 1,); None for what is no such sum."""
     try:
         total = expression(text, angles, "sense", " + ".join(angles))
     except InputError:
         return None
 
-    def at(first: float, second: float) -> float:
-        return float(total({angles[0]: first, angles[1]: second}))
+    def at(values: Iterable[float]) -> float:
+        return float(total(dict(zip(angles, values, strict=True))))
 
-    first, second = at(1.0, 0.0), at(0.0, 1.0)
-    linear = at(0.0, 0.0) == 0 and np.isclose(at(2.0, 3.0), 2 * first + 3 * second)
-    return (first, second, 0.0) if linear and (first or second) else None
+    weights = [at(unit) for unit in np.eye(len(angles)).tolist()]
+    odd = np.arange(2.0, 2.0 + len(angles))
+    linear = at(np.zeros(len(angles))) == 0 and np.isclose(at(odd), odd @ weights)
+    return (*weights, 0.0) if linear and any(weights) else None
+
+
+@dataclass(frozen=True, slots=True)
+class OutputTerm:
+    """``coefficient * s^order`` times a measured angle, a sum of them, or the stimulus.
+
+    Attributes
+    ----------
+    sense
+        As in `Term`: ``"stimulus"``, one of the model's ``angles``, or a sum of them.
+    coefficient
+        Constant factor.
+    order
+        Power of s: -1 integral, 0 the signal itself, 1 rate, 2 acceleration.
+    stimulus
+        Position of the stimulus among the model's ``blocks``, where ``sense="stimulus"``.
+    """
+
+    sense: str
+    coefficient: float = 1.0
+    order: int = 0
+    stimulus: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What is measured: the sum of its ``terms`` (`OutputTerm`), under its ``name``, in its ``unit``.
+
+    Numbers only; an output that depends on parameters is an auxiliary unknown with a row of its own.
+    """
+
+    name: str
+    terms: tuple[OutputTerm, ...]
+    unit: str = "rad"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple(self.terms))
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,13 +283,13 @@ class Model:
     filters
         Rational filters that terms may pass through.
     output_filters
-        Per angle, the name of a filter between the true and the measured angle (a sensor lag), or None.
+        Per angle, the name of a filter between the true and the measured angle (a sensor lag), or None; (R,).
     rows
-        Names of the torque balances, that of the lowest joint last; those of ``angles`` by default, and ``("hip",
-        "ankle")`` for two linked segments.
+        Names of the R = 1 to 4 torque balances, that of the lowest joint last; those of ``angles`` by default, and
+        ``("hip", "ankle")`` for two linked segments.
     angles
-        Names of the measured angles, that of the lowest joint first; ``("theta1", "theta2")`` by default. A model with
-        one joint has one name; the second one is then ``"none"``.
+        Names of the R joint angles (and auxiliary unknowns), that of the lowest joint first; ``("theta1", "theta2")``
+        by default. A model with one joint has one name; the second one is then ``"none"``.
     stimulus_unit
         Unit of the stimulus, such as ``"N m"``, ``"m"`` or ``"rad"``.
     provenance
@@ -246,6 +299,8 @@ class Model:
         (`mcstudy.stance.joint`); empty for a single stimulus, whose responses may be asked for at any frequencies.
     unit
         Unit of the angles.
+    outputs
+        What is measured (`Output`); the angles themselves when empty.
     derived
         Quantities that follow from the parameters and are reported with them (`Derived`).
 
@@ -259,17 +314,18 @@ class Model:
     parameters: tuple[Parameter, ...]
     terms: tuple[Term, ...]
     filters: tuple[Filter, ...] = ()
-    output_filters: tuple[str | None, str | None] = (None, None)
+    output_filters: tuple[str | None, ...] = ()
     rows: tuple[str, ...] = ()
     angles: tuple[str, ...] = ANGLES
     stimulus_unit: str = "N m"
     provenance: str = field(default="", compare=False)
     blocks: tuple[Block, ...] = ()
     unit: str = "rad"
+    outputs: tuple[Output, ...] = ()
     derived: tuple[Derived, ...] = ()
 
     def __post_init__(self) -> None:
-        for what in ("parameters", "terms", "filters", "derived"):
+        for what in ("parameters", "terms", "filters", "outputs", "derived"):
             object.__setattr__(self, what, tuple(getattr(self, what)))
         if not self.rows:
             rows = ROWS if self.angles == ANGLES else tuple(a for a in reversed(self.angles) if a != NO_ANGLE)
@@ -278,6 +334,8 @@ class Model:
             object.__setattr__(self, "rows", (NO_ROW, *self.rows))
         if len(self.angles) == 1:
             object.__setattr__(self, "angles", (*self.angles, NO_ANGLE))
+        if not any(self.output_filters) and len(self.output_filters) < len(self.angles):
+            object.__setattr__(self, "output_filters", (None,) * len(self.angles))
         self._check_axes()
         known, filters = set(self.names), {f.name for f in self.filters}
         for duplicate in {n for n in self.names if self.names.count(n) > 1}:
@@ -293,24 +351,40 @@ class Model:
                 raise ModelError(f"model {self.name}: filter {filt.name}: unknown parameter {parameter!r}")
 
     def _check_axes(self) -> None:
-        for what in ("rows", "angles", "output_filters"):
+        for what in ("rows", "angles"):
             given = getattr(self, what)
-            if len(given) != 2 or (what != "output_filters" and given[0] == given[1]):
+            if not 1 <= len(given) <= MOST_ROWS or len(set(given)) < len(given):
                 raise ModelError(
-                    f"model {self.name}: {what}: expected one or two different ones, got {given}; a model has at most "
-                    "two joints"
+                    f"model {self.name}: {what}: expected one to {MOST_ROWS} different ones, got {given}; a model has "
+                    f"at most {MOST_ROWS} joints and auxiliary unknowns"
                 )
+        for what in ("rows", "output_filters"):
+            if len(given := getattr(self, what)) != len(self.angles):
+                raise ModelError(
+                    f"model {self.name}: {what}: expected {len(self.angles)}, one for each angle, got {given}"
+                )
+        for name in {o.name for o in self.outputs if [other.name for other in self.outputs].count(o.name) > 1}:
+            raise ModelError(f"model {self.name}: output {name} is declared twice")
+        for output in self.outputs:
+            where = f"model {self.name}: output {output.name}"
+            for term in output.terms:
+                self._check_signal(term, where)
+                if not np.isfinite(term.coefficient):
+                    raise ModelError(f"{where}: expected a finite coefficient, got {term.coefficient}")
+
+    def _check_signal(self, term: Term | OutputTerm, where: str) -> None:
+        if term.sense not in self.senses:
+            raise ModelError(f"{where}: sense must be one of {sorted(self.senses)}, or a sum of {self.angles}")
+        if term.order not in ORDERS:
+            raise ModelError(f"{where}: order must be -1, 0, 1 or 2, got {term.order}")
+        if not 0 <= term.stimulus < max(1, len(self.blocks)):
+            raise ModelError(f"{where}: unknown stimulus {term.stimulus}")
 
     def _check_term(self, term: Term, known: set[str], filters: set[str]) -> None:
         where = f"model {self.name}: term {term.row} <- {term.sense}"
         if term.row not in self.rows:
             raise ModelError(f"{where}: row must be one of {self.rows}")
-        if term.sense not in self.senses:
-            raise ModelError(f"{where}: sense must be one of {sorted(self.senses)}, or a sum of {self.angles}")
-        if term.order not in (-1, 0, 1, 2):
-            raise ModelError(f"{where}: order must be -1, 0, 1 or 2, got {term.order}")
-        if not 0 <= term.stimulus < max(1, len(self.blocks)):
-            raise ModelError(f"{where}: unknown stimulus {term.stimulus}")
+        self._check_signal(term, where)
         if len(term.gain) > 2:
             raise ModelError(f"{where}: at most two gains may multiply, got {term.gain}")
         for unknown in {*term.gain, *term.all_delays} - known:
@@ -319,8 +393,11 @@ class Model:
             raise ModelError(f"{where}: unknown filter {unknown!r}")
 
     def with_usual_names(self) -> Model:
-        """The same model whose rows and angles are called as those of two linked segments (`ROWS`, `ANGLES`)."""
-        if (self.rows, self.angles) == (ROWS, ANGLES):
+        """The same model whose rows and angles are called as those of two linked segments (`ROWS`, `ANGLES`).
+
+        A model of more joints as it is.
+        """
+        if (self.rows, self.angles) == (ROWS, ANGLES) or self.n_rows > len(ROWS):
             return self
         rows = dict(zip(self.rows, ROWS, strict=True))
         angles = dict(zip(self.angles, ANGLES, strict=True))
@@ -330,20 +407,46 @@ class Model:
             """A sum of angles, where it is not that of both, with their usual names."""
             if name in angles or name in SENSES:
                 return angles.get(name, name)
-            first, second, _ = weights = self.senses[name]
-            return usual.get(weights, f"{first!r}*{ANGLES[0]} + {second!r}*{ANGLES[1]}")
+            first, second, stimulus = self.senses[name]
+            return usual.get((first, second, stimulus), f"{first!r}*{ANGLES[0]} + {second!r}*{ANGLES[1]}")
 
         terms = (replace(t, row=rows[t.row], sense=sense(t.sense)) for t in self.terms)
-        return replace(self, rows=ROWS, angles=ANGLES, terms=tuple(terms))
+        outputs = (replace(o, terms=tuple(replace(t, sense=sense(t.sense)) for t in o.terms)) for o in self.outputs)
+        return replace(self, rows=ROWS, angles=ANGLES, terms=tuple(terms), outputs=tuple(outputs))
 
     @cached_property
-    def senses(self) -> dict[str, tuple[float, float, float]]:
-        """Weights on (first angle, second angle, stimulus) by name: angles, and the sums of them that terms sense."""
-        known = {**SENSES, self.angles[0]: (1.0, 0.0, 0.0), self.angles[1]: (0.0, 1.0, 0.0)}
-        for term in self.terms:
-            if term.sense not in known and (weights := _weights(term.sense, self.angles)):
-                known[term.sense] = weights
+    def senses(self) -> dict[str, tuple[float, ...]]:
+        """Weights on the R angles and the stimulus, (R + 1,), by name: angles, and the sums of them that are sensed.
+
+        The weight of the stimulus is -1, because its terms belong to the other side, b(s).
+        """
+        known: dict[str, tuple[float, ...]] = dict(SENSES) if self.n_rows == len(ANGLES) else {}
+        known |= {a: (*(float(a == b) for b in self.angles), 0.0) for a in self.angles}
+        known["stimulus"] = (*(0.0 for _ in self.angles), -1.0)
+        for sense in (*(t.sense for t in self.terms), *(t.sense for o in self.outputs for t in o.terms)):
+            if sense not in known and (weights := _weights(sense, self.angles)):
+                known[sense] = weights
         return known
+
+    @property
+    def n_rows(self) -> int:
+        """R, rows of A(s): joints and auxiliary unknowns."""
+        return len(self.rows)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of what is measured, (Y,): the label of every array of responses."""
+        return tuple(o.name for o in self.outputs) or self.angles
+
+    @property
+    def output_units(self) -> tuple[str, ...]:
+        """Units of the outputs, (Y,)."""
+        return tuple(o.unit for o in self.outputs) or (self.unit,) * len(self.angles)
+
+    @property
+    def n_outputs(self) -> int:
+        """Y, what is measured."""
+        return len(self.outputs) or len(self.angles)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -473,8 +576,9 @@ class Table:
 
     Attributes
     ----------
-    entry: (E, 5) int64 - row, order, group, first gain, second gain (parameter indices, -1 none).
-    weight: (E, 4) float64 - coefficient, then weights on (theta1, theta2, stimulus).
+    entry: (E, 5) int64 - row (0 to R - 1), order, group, first gain, second gain (parameter indices, -1 none).
+    weight: (E, 1 + R + 1) float64 - coefficient, then weights on the R angles, and last on the stimulus, -1 where it is
+        sensed: A(s) q holds what is positive, b(s) the negative of its last column.
     noisy: (E,) bool - whether sensor noise enters the term.
     stimulus: (E,) int64 - which stimulus it senses, if it senses one.
     group_delay: (G, 2) int64 - parameter indices of the delays, -1 none; the second only where there is a first.
@@ -483,7 +587,10 @@ class Table:
         first parameter, second parameter (-1 none); the first parameter's power is in ``monomial_power``.
     monomial_power: (M,) int64 - power of the first parameter.
     monomial_coefficient: (M,) float64.
-    output_filter: (2,) int64 - filter index per angle, -1 none.
+    output_filter: (R,) int64 - filter index per angle, -1 none.
+    output_weight: (Y, R + J, 4) float64 - what the Y outputs hold of the R measured angles and of each of J stimuli (1,
+        or one for each of the model's ``blocks``), by power of s from -1 to 2; the identity at s^0 where the angles
+        are the outputs.
     n_parameters, n_filters: sizes.
     """
 
@@ -497,6 +604,7 @@ class Table:
     monomial_power: np.ndarray
     monomial_coefficient: np.ndarray
     output_filter: np.ndarray
+    output_weight: np.ndarray
     n_parameters: int
     n_filters: int
 
@@ -537,7 +645,7 @@ class Table:
         output = [filter_index[name] if name is not None else -1 for name in model.output_filters]
         return cls(
             entry=np.array(entry, dtype=np.int64).reshape(-1, 5),
-            weight=np.array(weight, dtype=np.float64).reshape(-1, 4),
+            weight=np.array(weight, dtype=np.float64).reshape(-1, model.n_rows + 2),
             noisy=np.array(noisy, dtype=bool),
             stimulus=np.array([t.stimulus for t in terms], dtype=np.int64),
             group_delay=np.array([d for d, _ in groups], dtype=np.int64).reshape(-1, 2),
@@ -546,11 +654,40 @@ class Table:
             monomial_power=np.array(power, dtype=np.int64),
             monomial_coefficient=np.array(coefficient, dtype=np.float64),
             output_filter=np.array(output, dtype=np.int64),
+            output_weight=_output_weight(model),
             n_parameters=len(model.parameters),
             n_filters=len(model.filters),
         )
+
+    @property
+    def n_rows(self) -> int:
+        """R."""
+        return len(self.output_filter)
 
     def gains(self, theta: np.ndarray) -> np.ndarray:
         """Coefficient of every term times its gains at parameters ``theta`` (..., P), (..., E)."""
         padded = np.concatenate([theta, np.ones((*theta.shape[:-1], 1))], axis=-1)  # where -1, no gain, points to
         return np.asarray(self.weight[:, 0] * padded[..., self.entry[:, 3]] * padded[..., self.entry[:, 4]])
+
+
+def require_plain(model: Model, what: str, outputs: bool = True) -> None:
+    """Raise `ModelError` for what is not supported yet by what does ``what``: more than two rows, ``outputs``."""
+    if model.n_rows > len(ROWS):
+        raise ModelError(f"model {model.name}: {what} of more than two joints is not supported yet")
+    if outputs and model.outputs:
+        raise ModelError(f"model {model.name}: {what} with declared outputs is not supported yet")
+
+
+def _output_weight(model: Model) -> np.ndarray:
+    """`Table.output_weight`."""
+    R, J = model.n_rows, max(1, len(model.blocks))
+    weight = np.zeros((model.n_outputs, R + J, len(ORDERS)))
+    if not model.outputs:
+        weight[:, :R, ORDERS.index(0)] = np.eye(R)
+    for mine, output in zip(weight, model.outputs, strict=False):
+        for term in output.terms:
+            *angles, stimulus = model.senses[term.sense]
+            at = ORDERS.index(term.order)
+            mine[:R, at] += term.coefficient * np.array(angles)
+            mine[R + term.stimulus, at] -= term.coefficient * stimulus
+    return weight

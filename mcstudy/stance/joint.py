@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from mcstudy.errors import ModelError
 from mcstudy.stance.body import STIMULI, WEIGHTS, Body, stimulus_terms
-from mcstudy.stance.feedback import Block, Filter, Model, Parameter, Term
+from mcstudy.stance.feedback import Block, Filter, Model, Output, Parameter, Term
 
 
 def joined(models: Sequence[Model], lines: Sequence[int]) -> Model:
@@ -28,7 +28,7 @@ def joined(models: Sequence[Model], lines: Sequence[int]) -> Model:
     parameters: dict[str, Parameter] = {}
     filters: dict[str, Filter] = {}
     for m in models:
-        if _loop(m) != loop or m.output_filters != first.output_filters:
+        if _loop(m) != loop or m.output_filters != first.output_filters or _measured(m) != _measured(first):
             raise ModelError(f"model {m.name}: expected the same body and feedback under every stimulus")
         for known, mine in ((parameters, m.parameters), (filters, m.filters)):
             for x in mine:
@@ -40,6 +40,7 @@ def joined(models: Sequence[Model], lines: Sequence[int]) -> Model:
         parameters=tuple(parameters.values()),
         terms=(*loop, *stimuli),
         filters=tuple(filters.values()),
+        outputs=_outputs(models),
         blocks=tuple(Block(m.stimulus_unit, n) for m, n in zip(models, lines, strict=True)),
     )
 
@@ -54,6 +55,13 @@ def members(model: Model) -> tuple[Model, ...]:
             terms=(
                 *_loop(model),
                 *(replace(t, stimulus=0) for t in model.terms if t.sense == "stimulus" and t.stimulus == k),
+            ),
+            outputs=tuple(
+                replace(
+                    o,
+                    terms=tuple(replace(t, stimulus=0) for t in o.terms if t.sense != "stimulus" or t.stimulus == k),
+                )
+                for o in model.outputs
             ),
             stimulus_unit=block.unit,
             blocks=(),
@@ -90,6 +98,25 @@ def with_lines(model: Model, lines: Sequence[int]) -> Model:
     if not model.blocks:
         return model
     return replace(model, blocks=tuple(replace(b, lines=n) for b, n in zip(model.blocks, lines, strict=True)))
+
+
+def _outputs(models: Sequence[Model]) -> tuple[Output, ...]:
+    """The outputs of the first model, which hold of every stimulus what those of its own model hold of it."""
+    return tuple(
+        replace(
+            same[0],
+            terms=(
+                *(t for t in same[0].terms if t.sense != "stimulus"),
+                *(replace(t, stimulus=k) for k, o in enumerate(same) for t in o.terms if t.sense == "stimulus"),
+            ),
+        )
+        for same in zip(*(m.outputs for m in models), strict=True)
+    )
+
+
+def _measured(model: Model) -> tuple[Output, ...]:
+    """What the outputs hold of the body, without the stimulus."""
+    return tuple(replace(o, terms=tuple(t for t in o.terms if t.sense != "stimulus")) for o in model.outputs)
 
 
 def _loop(model: Model) -> tuple[Term, ...]:

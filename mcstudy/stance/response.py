@@ -4,14 +4,15 @@ The reference evaluation, in plain numpy and batched over parameter vectors; the
 table and is tested against this module.
 
 Conventions: ``theta`` has shape (..., P), frequencies ``f`` in Hz have shape (N,), s = 2 pi i f; results keep the
-batch axes first. FRFs are angle per unit of stimulus (rad per N m for a torque).
+batch axes first. A model has R rows and angles and Y outputs. FRFs are output per unit of stimulus (rad per N m for an
+angle under a torque).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.stance.feedback import Model, Table
+from mcstudy.stance.feedback import ORDERS, Model, Table
 
 
 def _filters(
@@ -74,7 +75,7 @@ def sensed_stimulus(model: Model, n: int) -> np.ndarray | None:
 
 
 def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A(s) of shape (..., N, 2, 2) and b(s) of shape (..., N, 2) at complex ``s`` of shape (N,).
+    """A(s) of shape (..., N, R, R) and b(s) of shape (..., N, R) at complex ``s`` of shape (N,).
 
     A joint model (`mcstudy.stance.joint`) has the b(s) of each line's own stimulus.
     """
@@ -83,23 +84,23 @@ def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _system(model: Model, theta: np.ndarray, s: np.ndarray, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    table = model.table
+    table, R = model.table, model.n_rows
     # Summed in whole rows of memory, one for each (row, angle or stimulus), which takes half the time.
-    out = np.zeros((2, 3, *theta.shape[:-1], s.size), dtype=complex)
+    out = np.zeros((R, R + 1, *theta.shape[:-1], s.size), dtype=complex)
     gains, power = table.gains(theta), {order: s**order for order in set(table.entry[:, 1].tolist())}
     sensed = sensed_stimulus(model, s.size)
     for e, (row, order, group, _, _) in enumerate(table.entry.tolist()):
         value = gains[..., e, None] * power[order] * groups[..., group, :]
         for k, weight in enumerate(table.weight[e, 1:].tolist()):
             if weight:
-                heard = value if k < 2 or sensed is None else value * sensed[e]
+                heard = value if k < R or sensed is None else value * sensed[e]
                 out[row, k] += heard if weight == 1.0 else weight * heard
-    A, b = np.moveaxis(out[:, :2], (0, 1), (-2, -1)), np.moveaxis(out[:, 2], 0, -1)
+    A, b = np.moveaxis(out[:, :R], (0, 1), (-2, -1)), np.moveaxis(out[:, R], 0, -1)
     return np.ascontiguousarray(A), 0.0 - b
 
 
 def frf(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Stimulus-to-angle frequency responses in closed form.
+    """Frequency responses of the outputs to the stimulus in closed form.
 
     Parameters
     ----------
@@ -113,19 +114,37 @@ def frf(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        (..., N, 2) complex, rad per unit of the stimulus; columns are the model's angles as measured (output filters
-        on).
+        (..., N, Y) complex, in the outputs' units per unit of the stimulus; columns are the model's ``output_names``:
+        its angles as measured (output filters on), or its declared ``outputs``.
     """
     theta, s = np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     A, b = system(model, theta, s)
     H = np.linalg.solve(A, b[..., None])[..., 0]
-    return H * _output(model, theta, s)
+    H = H * _output(model, theta, s)
+    if not model.outputs:
+        return H
+    C, d = output_matrices(model, s)
+    return np.asarray(np.einsum("nyr,...nr->...ny", C, H) + d)
+
+
+def output_matrices(model: Model, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """C(s) (N, Y, R) and d(s) (N, Y) of outputs C q + d u, q the R angles as measured, at complex ``s`` (N,).
+
+    Known numbers, without parameters; the identity and zero where the angles are the outputs. Of a joint model d is
+    that of each line's own stimulus.
+    """
+    weight, R, at = model.table.output_weight, model.n_rows, model.stimulus_at(s.size)
+    used = [k for k in range(len(ORDERS)) if weight[..., k].any()]
+    powers = np.stack([s ** ORDERS[k] for k in used], axis=-1)
+    every = np.einsum("yrk,nk->nyr", weight[..., used], powers)
+    d = every[:, :, R] if at is None else every[np.arange(s.size), :, R + at]
+    return every[..., :R], d
 
 
 def _output(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Output filters per angle, (..., N, 2)."""
+    """Output filters per angle, (..., N, R)."""
     table = model.table
-    value = np.ones((*theta.shape[:-1], s.size, 2), dtype=complex)
+    value = np.ones((*theta.shape[:-1], s.size, model.n_rows), dtype=complex)
     if (table.output_filter >= 0).any():
         filters = _filter_values(table, theta, s)
         for angle, k in enumerate(table.output_filter):
@@ -135,7 +154,7 @@ def _output(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """FRFs (..., N, 2) and their exact derivatives (..., N, 2, P) in every parameter.
+    """FRFs (..., N, Y) and their exact derivatives (..., N, Y, P) in every parameter.
 
     Derived: dH = -A^-1 (dA H - db), with dA and db read term by term from the table.
     """
@@ -147,15 +166,17 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
     H = np.einsum("...ij,...j->...i", inverse, b)
     force = _force_slopes(model, theta, s, H, groups, log_slopes)
     dH = -np.einsum("...ij,...jp->...ip", inverse, np.ascontiguousarray(np.moveaxis(force, (0, 1), (-2, -1))))
-    if (table.output_filter < 0).all():
+    if (table.output_filter >= 0).any():
+        value = _output(model, theta, s)
+        H = H * value
+        dH = dH * value[..., None]
+        for angle, k in enumerate(table.output_filter):
+            for p, log_slope in log_slopes[k] if k >= 0 else ():
+                dH[..., angle, p] += H[..., angle] * log_slope
+    if not model.outputs:
         return H, dH
-    value = _output(model, theta, s)
-    H = H * value
-    dH = dH * value[..., None]
-    for angle, f in enumerate(table.output_filter):
-        for p, log_slope in log_slopes[f] if f >= 0 else ():
-            dH[..., angle, p] += H[..., angle] * log_slope
-    return H, dH
+    C, d = output_matrices(model, s)
+    return np.einsum("nyr,...nr->...ny", C, H) + d, np.einsum("nyr,...nrp->...nyp", C, dH)
 
 
 def _force_slopes(
@@ -168,20 +189,21 @@ def _force_slopes(
 ) -> np.ndarray:
     """dA H - db of every parameter, (row, P, ..., N)."""
     table = model.table
-    force = np.zeros((2, table.n_parameters, *theta.shape[:-1], s.size), dtype=complex)
+    force = np.zeros((model.n_rows, table.n_parameters, *theta.shape[:-1], s.size), dtype=complex)
     drive = sensed_stimulus(model, s.size)
     angles, power = np.moveaxis(H, -1, 0).copy(), {order: s**order for order in set(table.entry[:, 1].tolist())}
     for e, (row, order, group, g1, g2) in enumerate(table.entry.tolist()):
         delays, filtered = table.group_delay[group], table.group_filters[group]
         if g1 < 0 and g2 < 0 and delays.max() < 0 and filtered.max() < 0:
             continue  # no parameter is in this term
-        w = table.weight[e].tolist()
-        sensed = w[1] * angles[0] if w[1] else 0.0
-        if w[2]:
-            sensed = sensed + w[2] * angles[1]
-        if w[3]:
-            sensed = sensed + (w[3] if drive is None else w[3] * drive[e])
-        unit = w[0] * power[order] * groups[..., group, :] * sensed
+        coefficient, *weights, stimulus = table.weight[e].tolist()
+        sensed: np.ndarray | float = 0.0
+        for k, weight in enumerate(weights):
+            if weight:
+                sensed = sensed + weight * angles[k] if k else weight * angles[k]
+        if stimulus:
+            sensed = sensed + (stimulus if drive is None else stimulus * drive[e])
+        unit = coefficient * power[order] * groups[..., group, :] * sensed
         first = theta[..., g1, None] if g1 >= 0 else 1.0
         second = theta[..., g2, None] if g2 >= 0 else 1.0
         if g1 >= 0:
@@ -200,25 +222,26 @@ def _force_slopes(
 
 
 def noise_response(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Response of the angles to noise on each sensed angle, (..., N, angle, source).
+    """Response of the outputs to noise on each of the S = R sensed angles, (..., N, Y, S).
 
-    Noise adds to what the ``noisy`` terms sense, so theta = -A^-1 N(s) n with N the noisy part of A.
+    Noise adds to what the ``noisy`` terms sense, so q = -A^-1 N(s) n with N the noisy part of A.
     """
     theta, s = np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     A, _ = system(model, theta, s)
     N = active(model, theta, s)
-    return -np.linalg.solve(A, N) * _output(model, theta, s)[..., None]
+    response = -np.linalg.solve(A, N) * _output(model, theta, s)[..., None]
+    return np.einsum("nyr,...nrs->...nys", output_matrices(model, s)[0], response) if model.outputs else response
 
 
 def active(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """The noisy (active, delayed) part of A(s), shape (..., N, 2, 2)."""
+    """The noisy (active, delayed) part of A(s), shape (..., N, R, R)."""
     table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
     groups = _group_values(table, theta, s, _filter_values(table, theta, s))
-    N, gains = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex), table.gains(theta)
+    N, gains = np.zeros((*theta.shape[:-1], s.size, model.n_rows, model.n_rows), dtype=complex), table.gains(theta)
     for e, (row, order, group, _, _) in enumerate(table.entry):
         if table.noisy[e]:
             value = gains[..., e, None] * s**order * groups[..., group, :]
-            for column in (0, 1):
+            for column in range(model.n_rows):
                 N[..., row, column] += table.weight[e, 1 + column] * value
     return N
 
@@ -231,10 +254,10 @@ def neural_controllers(model: Model, theta: np.ndarray, f: np.ndarray) -> np.nda
     """
     table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     groups = _group_values(table, theta, s, _filter_values(table, theta, s))
-    NC, gains = np.zeros((*theta.shape[:-1], s.size, 2, 2), dtype=complex), table.gains(theta)
+    NC, gains = np.zeros((*theta.shape[:-1], s.size, model.n_rows, model.n_rows), dtype=complex), table.gains(theta)
     for e, (row, order, group, g1, _) in enumerate(table.entry):
-        if g1 >= 0 and table.weight[e, 3] == 0:
+        if g1 >= 0 and table.weight[e, -1] == 0:
             value = gains[..., e, None] * s**order * groups[..., group, :]
-            for column in (0, 1):
+            for column in range(model.n_rows):
                 NC[..., row, column] += table.weight[e, 1 + column] * value
     return NC

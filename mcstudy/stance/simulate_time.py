@@ -27,7 +27,7 @@ import numpy as np
 from scipy import fft
 
 from mcstudy.errors import ModelError
-from mcstudy.stance.feedback import Model
+from mcstudy.stance.feedback import Model, require_plain
 from mcstudy.stance.realize import ACTIVE, ANGLE, SENSED, STIMULUS, Realisation, realise
 from mcstudy.stance.rules import LINEAR, Rules, tilt_at_threshold
 from mcstudy.stance.simulate_kernel import NODES, integrate
@@ -84,6 +84,7 @@ def simulate(
         a stimulus term that needs derivatives that were not given; whatever `realise` raises.
     """
     stimulus = np.asarray(stimulus, dtype=float)
+    require_plain(model, "a simulation in time")
     n = stimulus.shape[0] if stimulus.ndim else 0
     if n < 2 or stimulus.shape not in ((n,), (n, 3)):
         raise ModelError(f"stimulus: expected shape (n,) or (n, 3) with n >= 2, got {stimulus.shape}")

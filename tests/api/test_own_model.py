@@ -155,17 +155,16 @@ def test_a_plant_without_inertia_is_refused_in_one_line() -> None:
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "expected"),
     [
-        {"rows": ("a", "b", "node")},
-        {"rows": ("node", "node")},
-        {"angles": ("voltage", "b", "c")},
-        {"angles": ("voltage", "voltage")},
-        {"output_filters": (None, None, None)},
+        ({"rows": ("a", "b", "node")}, "rows: expected 2, one for each angle"),
+        ({"rows": ("node", "node")}, "rows: expected one to 4 different ones"),
+        ({"angles": tuple("abcde")}, "angles: expected one to 4 different ones"),
+        ({"angles": ("voltage", "voltage")}, "angles: expected one to 4 different ones"),
+        ({"output_filters": (None, None, None)}, "output_filters: expected 2, one for each angle"),
     ],
 )
-def test_more_than_two_joints_are_refused_in_one_line(change: dict[str, tuple[str, ...]]) -> None:
-    (what,) = change
-    with pytest.raises(ModelError, match=f"model circuit: {what}: expected one or two different ones") as error:
+def test_wrong_axes_are_refused_in_one_line(change: dict[str, tuple[str, ...]], expected: str) -> None:
+    with pytest.raises(ModelError, match=f"model circuit: {expected}") as error:
         replace(plant(2), **change)
     assert "\n" not in str(error.value)

@@ -84,15 +84,12 @@ def predicted_sway(model: Model, theta: np.ndarray, bodies: np.ndarray, lines: L
     stimulus = _rms(lines.power, np.abs(frf(model, everybody, lines.f)) ** 2) * per  # (1 + M, Y)
     measured, error = (x * per for x in _measured(lines))
     noise = _noise(model, everybody, lines) if standing(model) else None
+    by_noise: list[tuple[float | None, float | None, float | None, float | None]]
+    by_noise = [(None, None, None, None)] * len(units)
+    if noise is not None:
+        by_noise = [(*_with_range(rms), float(x)) for rms, x in zip(noise.rms.T, noise.measured, strict=True)]
     angles = tuple(
-        AngleSway(
-            angle,
-            *_with_range(stimulus[:, k]),
-            float(measured[k]),
-            float(error[k]),
-            *((None,) * 4 if noise is None else (*_with_range(noise.rms[:, k]), float(noise.measured[k]))),
-            units[k],
-        )
+        AngleSway(angle, *_with_range(stimulus[:, k]), float(measured[k]), float(error[k]), *by_noise[k], units[k])
         for k, angle in enumerate(model.output_names)
     )
     return PredictedSway(angles, None if noise is None else (float(noise.levels[0]), float(noise.levels[1])))

@@ -73,7 +73,7 @@ class FrfRecording(Summary):
         Inertia and gravity of the person.
     single
         Whether only the first angle (a centre-of-mass or leg angle) of a standing body was published. The one-segment
-        model is then the base.
+        model is then the base, and the second angle is zero in data and model.
     name, provenance
         Text for people.
     model
@@ -99,10 +99,7 @@ class FrfRecording(Summary):
         escape_texts(self, "name", "provenance")
         if self.model is not None:
             object.__setattr__(self, "stimulus", "stimulus")
-        Y = len(self.columns.outputs)
-        if self.single and self.y.shape[1:] == (2,):
-            object.__setattr__(self, "y", self.y[:, :Y])
-            object.__setattr__(self, "C", self.C[:, :Y, :Y])
+        Y = len(Columns.of(self.model, self.stimulus).outputs)
         f, y, C, name = self.f, self.y, self.C, self.name
         n = f.size
         if f.shape != (n,) or y.shape != (n, Y) or C.shape != (n, Y, Y) or n < LEAST_LINES:
@@ -197,10 +194,10 @@ def frf_of_columns(
         return y
 
     single = tuple(labels) == ("1", "2") and not set(columns_of(labels)) - set(columns_of("1")) & set(columns)
-    labels = labels[:1] if single else labels
     f, Y = need("f"), len(labels)
-    per = np.broadcast_to(np.asarray(scale, dtype=float), (max(Y, np.size(scale)),))
-    y, C = np.zeros((f.size, Y), dtype=complex), np.zeros((f.size, Y, Y), dtype=complex)
+    labels = labels[:1] if single else labels
+    per = np.broadcast_to(np.asarray(scale, dtype=float), (Y,))
+    y, C = np.zeros((f.size, Y), dtype=complex), np.tile(np.eye(Y, dtype=complex), (f.size, 1, 1))
     for i, k in enumerate(labels):
         y[:, i] = per[i] * response_of(k)
         meaning = "the standard error of the complex response, in the unit of the gain"

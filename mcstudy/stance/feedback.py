@@ -490,21 +490,6 @@ class Model:
         """2, or 1 for a one-segment model (no term in the first row), whose second angle is identically zero."""
         return 2 if any(t.row == self.rows[0] for t in self.terms) else 1
 
-    @property
-    def output_names(self) -> tuple[str, ...]:
-        """Names of the outputs."""
-        return self.angles[: self.n_angles]
-
-    @property
-    def output_units(self) -> tuple[str, ...]:
-        """Units of the outputs."""
-        return (self.unit,) * self.n_angles
-
-    @property
-    def n_outputs(self) -> int:
-        """Number of outputs."""
-        return self.n_angles
-
     @cached_property
     def delays(self) -> tuple[str, ...]:
         """Names of the parameters that are delays."""

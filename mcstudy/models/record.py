@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, StringConstraints, field_validator, model_serializer
+from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, StringConstraints, model_serializer
 
 from mcstudy.errors import DesignError, InputError, ModelError
 from mcstudy.expressions import Expression, expression, shortened
@@ -40,6 +40,12 @@ MOST = Field(max_length=1000)
 def _listed(given: Any) -> Any:
     """A single name as a list of one."""
     return (given,) if isinstance(given, str) else tuple(given) if isinstance(given, list) else given
+
+
+Names = Annotated[
+    tuple[Symbol, ...], MOST, BeforeValidator(_listed, json_schema_input_type=Symbol | tuple[Symbol, ...])
+]
+"""Names, or a single one."""
 
 
 class Short(Section):
@@ -74,14 +80,12 @@ class TermTable(Short):
 
     joint: Symbol | None = None
     sense: Words | None = None
-    gain: Annotated[tuple[Symbol, ...], MOST] = ()
+    gain: Names = ()
     order: int = 0
-    delay: Annotated[tuple[Symbol, ...], MOST] = ()
-    filter: Annotated[tuple[Symbol, ...], MOST] = ()
+    delay: Names = ()
+    filter: Names = ()
     coefficient: Number = 1.0
     noisy: bool = False
-
-    _lists = field_validator("gain", "delay", "filter", mode="before")(_listed)
 
 
 class FilterTable(Short):

@@ -20,21 +20,21 @@ from mcstudy.stance.feedback import Model, require_plain
 
 @dataclass(frozen=True, slots=True)
 class RationalRows:
-    """Rows of A(s) over their common denominators. G distinct delays, polynomials in ascending powers of s.
+    """Rows of A(s) over their common denominators. R rows, G distinct delays, polynomials in ascending powers of s.
 
     Row r of the closed loop is
 
         sum_g exp(-delay_g s) sum_c sum_k  numerator[g, r, c, k](s) / denominator[r](s)  *  s^k signal_c  =  0
 
-    with signals (theta1, theta2, stimulus), the last one with the sign that puts it on the left. k is the order of
-    the term, 0..2, so that a sensed rate can be told from the derivative of a sensed angle; an integral is k = 0
+    with the R angles and the stimulus as signals, the last one with the sign that puts it on the left. k is the order
+    of the term, 0..2, so that a sensed rate can be told from the derivative of a sensed angle; an integral is k = 0
     with a factor s in the denominator.
 
     Attributes
     ----------
     delay: (..., G) in s; the first is the undelayed group, zero.
-    denominator: (..., 2, D).
-    numerator: (..., G, 2, 3, 3, L).
+    denominator: (..., R, D).
+    numerator: (..., G, R, R + 1, 3, L).
     """
 
     delay: np.ndarray
@@ -42,7 +42,7 @@ class RationalRows:
     numerator: np.ndarray
 
     def folded(self) -> np.ndarray:
-        """Numerators with the powers s^k multiplied in and summed over k, (..., G, 2, 3, L + 2)."""
+        """Numerators with the powers s^k multiplied in and summed over k, (..., G, R, R + 1, L + 2)."""
         length = self.numerator.shape[-1]
         out = np.zeros((*self.numerator.shape[:-2], length + 2))
         for k in range(3):
@@ -69,14 +69,14 @@ def rational_rows(
     """
     require_plain(model, "a loop in time", outputs=False)
     table, theta = model.table, np.asarray(theta, dtype=float)
-    batch = theta.shape[:-1]
+    batch, n_rows = theta.shape[:-1], table.output_filter.size
     chosen = [int(e) for e in np.flatnonzero(np.ones(len(table.entry), dtype=bool) if entries is None else entries)]
     filters = _filter_polynomials(model, theta)
     delay, group = _delays(model, theta, chosen)
     gains = table.gains(theta)
     chain = {e: Counter(int(k) for k in table.group_filters[table.entry[e, 2]] if k >= 0) for e in chosen}
-    common: list[Counter[int]] = [Counter(), Counter()]
-    integrates = [False, False]
+    common: list[Counter[int]] = [Counter() for _ in range(n_rows)]
+    integrates = [False] * n_rows
     for e in chosen:
         row = int(table.entry[e, 0])
         common[row] |= chain[e]
@@ -92,14 +92,17 @@ def rational_rows(
         if integrates[row] and order >= 0:
             polynomial = _times_s(polynomial)
         pieces.append((e, polynomial))
-    numerator = np.zeros((*batch, delay.shape[-1], 2, 3, 3, max((p.shape[-1] for _, p in pieces), default=1)))
+    longest = max((p.shape[-1] for _, p in pieces), default=1)
+    numerator = np.zeros((*batch, delay.shape[-1], n_rows, n_rows + 1, 3, longest))
     for e, polynomial in pieces:
         row, order = int(table.entry[e, 0]), max(int(table.entry[e, 1]), 0)
         for c in np.flatnonzero(table.weight[e, 1:]):
             numerator[..., group[e], row, c, order, : polynomial.shape[-1]] += table.weight[e, 1 + c] * polynomial
-    bottoms = [_bottom(batch, [filters[k][1] for k in common[row].elements()], integrates[row]) for row in (0, 1)]
-    denominator = np.zeros((*batch, 2, max(b.shape[-1] for b in bottoms)))
-    for row in (0, 1):
+    bottoms = [
+        _bottom(batch, [filters[k][1] for k in common[row].elements()], integrates[row]) for row in range(n_rows)
+    ]
+    denominator = np.zeros((*batch, n_rows, max(b.shape[-1] for b in bottoms)))
+    for row in range(n_rows):
         denominator[..., row, : bottoms[row].shape[-1]] = bottoms[row]
         if integrates[row]:
             mine = [e for e in chosen if table.entry[e, 0] == row and table.entry[e, 1] == -1]

@@ -18,7 +18,7 @@ from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.rational import rational_rows
 from mcstudy.stance.realize import FILTERS, Realisation, realise
-from mcstudy.stance.stability_kernel import CERTIFIED, CHAIN, Room, rightmost
+from mcstudy.stance.stability_kernel import ADVANCED, CERTIFIED, CHAIN, FAILED, SINGULAR, STATIC, Room, rightmost
 
 FALLBACK_ORDER = 32
 """Chebyshev order of the fallback: 1e-8 and better for every root inside 60 rad/s at the delays of balance."""
@@ -38,7 +38,11 @@ class Proof(IntEnum):
     UNCERTAIN = 4
     """Polished Chebyshev eigenvalue without a certificate (for example a nearly double root)."""
     NONE = 5
-    """No answer: parameters not finite."""
+    """No answer: parameters not finite, or a determinant that is zero or not finite."""
+    STATIC = 6
+    """A loop without dynamics has no root: -infinity."""
+    ADVANCED = 7
+    """A delayed term of higher order than all undelayed ones: roots with arbitrarily large real parts, +infinity."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +51,7 @@ class Rightmost:
 
     Attributes
     ----------
-    root: (...) complex, 1/s, imaginary part >= 0 (NaN where only the chain's abscissa is known).
+    root: (...) complex, 1/s, imaginary part >= 0 (NaN where only the chain's abscissa is known); see `rightmost_root`.
     proof: (...) int8, values of `Proof`.
     """
 
@@ -59,11 +63,13 @@ def rightmost_root(model: Model, theta: np.ndarray) -> Rightmost:
     """Rightmost characteristic root of the closed loop for every parameter vector ``theta`` (..., P).
 
     Poles of filters inside the loop and integrators count as roots (an integral term with zero gain does not); filters
-    on the stimulus or on measured angles do not. Rows with NaN or infinite parameters give NaN.
+    on the stimulus or on measured angles do not. Rows need no inertia; a loop without dynamics has no root and gives
+    -infinity, one with a delayed term of higher order than all undelayed ones +infinity. NaN or infinite parameters and
+    a singular loop give NaN.
 
     Raises
     ------
-    ModelError: the model has no inertia, a negative delay, or a delayed term of higher order than the inertia.
+    ModelError: the number of parameters is wrong, or a delay is negative.
     """
     theta = np.asarray(theta, dtype=float)
     if theta.shape[-1:] != (len(model.parameters),):
@@ -90,37 +96,44 @@ def growth_rate(model: Model, theta: np.ndarray) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        (...), 1/s; NaN where a parameter is not finite. `rightmost_root` says what counts as a root.
+        (...), 1/s; NaN where a parameter is not finite. `rightmost_root` says what counts as a root, and which loops
+        give an infinite rate.
 
     Raises
     ------
     ModelError
-        The model has no inertia, a negative delay, or a delayed term of higher order than the inertia.
+        The number of parameters is wrong, or a delay is negative.
     """
     return rightmost_root(model, theta).root.real
+
+
+_PROOFS = {
+    CERTIFIED: Proof.SEARCH,
+    CHAIN: Proof.CHAIN,
+    STATIC: Proof.STATIC,
+    ADVANCED: Proof.ADVANCED,
+    SINGULAR: Proof.NONE,
+    FAILED: Proof.UNCERTAIN,
+}
 
 
 def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     rows = rational_rows(model, theta, _in_loop(model))
     # One memory layout, so that numba compiles once.
-    numerator, delay = np.ascontiguousarray(rows.folded()[..., :2, :]), np.ascontiguousarray(rows.delay)
+    numerator, delay = np.ascontiguousarray(rows.folded()[..., :-1, :]), np.ascontiguousarray(rows.delay)
     root = np.empty(len(theta), dtype=complex)
     outcome, rounds = np.empty(len(theta), dtype=np.int8), np.empty(len(theta), dtype=np.int8)
-    room = Room.of(delay.shape[1], numerator.shape[-1])
-    try:
-        rightmost(numerator, delay, np.empty((len(theta), 0), dtype=complex), room, root, outcome, rounds)
-    except ZeroDivisionError:  # without inertia, or without any damping or delay
-        root[:] = [roots_chebyshev(model, row, FALLBACK_ORDER)[0] for row in theta]
-        root.imag = np.abs(root.imag)
-        return root, np.full(len(theta), Proof.UNCERTAIN, dtype=np.int8)
-    proof = np.where(rounds > 1, Proof.RESTART, Proof.SEARCH).astype(np.int8)
-    proof[outcome == CHAIN] = Proof.CHAIN
-    for b in np.flatnonzero((outcome != CERTIFIED) & (outcome != CHAIN)):
+    room = Room.of(numerator)
+    rightmost(numerator, delay, np.empty((len(theta), 0), dtype=complex), room, root, outcome, rounds)
+    proof = np.array([_PROOFS[k] for k in range(len(_PROOFS))], dtype=np.int8)[outcome]
+    proof[(outcome == CERTIFIED) & (rounds > 1)] = Proof.RESTART
+    root[outcome == STATIC], root[outcome == ADVANCED] = -np.inf, np.inf
+    for b in np.flatnonzero(outcome == FAILED):
         eigenvalues = roots_chebyshev(model, theta[b], FALLBACK_ORDER)
         hints = eigenvalues[eigenvalues.imag >= 0][None, :12].copy()
         row = slice(b, b + 1)
         rightmost(numerator[row], delay[row], hints, room, root[row], outcome[row], rounds[row])
-        proof[b] = {CERTIFIED: Proof.CHEBYSHEV, CHAIN: Proof.CHAIN}.get(int(outcome[b]), Proof.UNCERTAIN)
+        proof[b] = Proof.CHEBYSHEV if outcome[b] == CERTIFIED else _PROOFS[int(outcome[b])]
         if proof[b] == Proof.UNCERTAIN and not root[b].real >= hints[0, 0].real - 1e-6:
             root[b] = hints[0, 0]
     return root, proof
@@ -128,7 +141,7 @@ def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _in_loop(model: Model) -> np.ndarray:
     """Entries of the table that sense an angle."""
-    return (model.table.weight[:, 1:3] != 0.0).any(axis=1)
+    return (model.table.weight[:, 1:-1] != 0.0).any(axis=1)
 
 
 def roots_chebyshev(model: Model, theta: np.ndarray, order: int = 40) -> np.ndarray:

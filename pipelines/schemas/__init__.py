@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
-from pipelines.schemas import challenges, cube, diagnoses, people, recordings, studies, tables
+from pipelines.schemas import challenges, cube, diagnoses, models, people, recordings, studies, tables
 
 FOLDER = Path(__file__).parents[2] / "results_schema"
 
@@ -26,6 +26,7 @@ DOCUMENTS: dict[str, tuple[str, type]] = {
     "solution": ("1.0.0", studies.Solution),
     "stimulus_design": ("1.0.0", studies.StimulusDesign),
     "show": ("2.0.0", tables.Show),
+    "model": ("1.0.0", models.ModelFile),
     "recording": ("1.0.0", recordings.Recording),
     "alternative": ("1.0.0", recordings.Alternative),
     "fit": ("1.0.0", people.Fit),

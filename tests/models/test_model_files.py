@@ -12,7 +12,9 @@ import pytest
 from scipy.signal import freqs
 
 import mcstudy as mc
-from mcstudy.errors import DesignError, ModelError
+from mcstudy.cli import main
+from mcstudy.errors import DesignError, ModelError, StoreError
+from mcstudy.files import schema
 from mcstudy.models.catalogue import checked_table, names, read_model, spelled_out, written
 from mcstudy.models.check import check_response, check_stability, response
 from mcstudy.models.record import ModelTable, table_of
@@ -91,6 +93,14 @@ def test_a_printed_model_is_read_back_with_the_same_bits(name: str, tmp_path: Pa
     model, again = first.model(), read_model(tmp_path / "printed.toml").model()
     assert replace(again, provenance=model.provenance) == model
     np.testing.assert_array_equal(frf(again, again.truth, F), frf(model, model.truth, F))
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_model_file_conforms_to_its_schema(name: str) -> None:
+    raw = tomllib.loads(written(read_model(name)))
+    schema.validate("model", raw, name)
+    with pytest.raises(StoreError, match="name: model"):
+        schema.validate("model", {"model": {**raw["model"], "joint": "ankle"}}, "name")
 
 
 @pytest.mark.parametrize("name", names())
@@ -291,3 +301,20 @@ def test_a_set_of_several_stimuli_is_no_table() -> None:
 
     with pytest.raises(ModelError, match="expected a single stimulus, got 2"):
         table_of(replace(two_segment(), blocks=(Block("N m", 3), Block("N m", 3))))
+
+
+def test_a_checked_model_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(written(checked_table(changed("term.4", {"sense": "stimulus", "gain": "K"}))), encoding="utf-8")
+    assert main(["models", str(file), "--check", "--diagram", str(tmp_path / "loop.svg")]) == 0
+    *_, first, second, third = capsys.readouterr().out.splitlines()
+    assert first == "every parameter moves the response"
+    assert (second, third) == (
+        "ankle: K u -> (+) -> body -> ankle",
+        "  (-) <- delay Td <- K muscle + B s muscle <- ankle + noise",
+    )
+    drawn = (tmp_path / "loop.svg").read_text(encoding="utf-8")
+    assert [text for text in ("body", "muscle", "delay T", "noise 1") if text not in drawn] == []
+    assert main(["models", "--diagram", "loop.svg"]) == 2
+    assert main(["models", str(file), "--diagram", str(tmp_path / "loop.png")]) == 2
+    assert "expected a name ending in .svg" in capsys.readouterr().err

@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from mcstudy.report.study.equations import diagram, equations
+from mcstudy.report.study.diagram import diagram
+from mcstudy.report.study.equations import equations
 from mcstudy.stance.body import two_segment
 
 

@@ -210,6 +210,38 @@ def test_wrong_input_is_named():
     theta[-1] = -0.01
     with pytest.raises(ModelError, match="delay Td2 is negative"):
         growth_rate(MODEL, theta)
-    massless = Model("massless", (Parameter("K", "", 1.0, 0.0, 2.0),), (Term("ankle", "theta1", ("K",)),))
-    with pytest.raises(ModelError, match="mass matrix"):
-        growth_rate(massless, np.array([1.0]))
+
+
+def loop(*terms, delay=0.0):
+    """One unknown, the sum of terms that each have the gain ``a`` to the first power, or none."""
+    parameters = (Parameter("a", "", 1.0, -1e12, 1e12), Parameter("T", "s", delay, 0.0, 10.0))
+    return Model("loop", parameters, tuple(Term("row", "x", *t) for t in terms), rows=("row",), angles=("x",))
+
+
+@pytest.mark.parametrize("pole", [1e-7, 1e-2, 1.0, 300.0, 1e5, 1e10])
+def test_a_loop_of_first_order_has_its_pole_however_fast(pole):
+    found = rightmost_root(loop(("a",), ((), 1)), np.array([pole, 0.0]))
+    assert complex(found.root) == pytest.approx(-pole, rel=1e-12)
+    assert found.proof == Proof.SEARCH
+
+
+def test_a_loop_without_dynamics_does_not_grow():
+    found = rightmost_root(loop(("a",)), np.array([[2.0, 0.0], [0.0, 0.0]]))
+    assert found.root[0].real == -np.inf
+    assert found.proof.tolist() == [Proof.STATIC, Proof.NONE]  # the second one, 0 x = 0, is no loop
+    assert np.isnan(found.root[1])
+
+
+def test_a_delayed_term_of_higher_order_than_the_others_grows_without_bound():
+    found = rightmost_root(loop(((),), ("a", 1, "T")), np.array([[0.3, 0.2], [0.3, 0.0]]))
+    assert found.root[0].real == np.inf
+    assert found.proof[0] == Proof.ADVANCED
+    assert found.root[1] == pytest.approx(-1 / 0.3)  # without its delay it is a pole
+
+
+@pytest.mark.parametrize("gain", [0.05, 0.9, 3.0])
+def test_a_delayed_gain_without_dynamics_has_a_chain_of_roots(gain):
+    """1 + a exp(-T s) = 0 has all its roots on Re s = ln(a) / T."""
+    found = rightmost_root(loop(((),), ("a", 0, "T")), np.array([gain, 0.2]))
+    assert found.root.real == pytest.approx(np.log(gain) / 0.2, abs=1e-9)
+    assert found.proof == Proof.CHAIN

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from mcstudy.exits import Exit
 
@@ -19,24 +20,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="check the model: its table against an independent evaluation, stability, and that every parameter counts",
     )
+    parser.add_argument("--diagram", metavar="FILE.svg", type=Path, help="draw the block diagram of the model")
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Print; returns the exit code."""
+    from mcstudy.cli.figure_file import check_figure, write_figure
     from mcstudy.errors import DesignError
     from mcstudy.models.catalogue import describe, names, read_model, written
+    from mcstudy.report.study.diagram import sketch, standalone
     from mcstudy.text_tables import counted, table
 
+    check_figure(args.diagram)
     if args.name is None:
-        if args.check:
-            raise DesignError("models --check: expected the name of a model or a file")
+        if args.check or args.diagram:
+            raise DesignError("models: expected the name of a model or a file to check or to draw, got none")
         read = {name: read() for name, read in names().items()}
         print(table(["model", "what it is"], [(name, describe(name, t)) for name, t in read.items()], of_text=True))
         print('\nPrint one: mcstudy models NAME. Study one: model = "NAME" in a study file.')
         return Exit.DONE
     model = read_model(args.name)
+    if args.diagram:
+        write_figure(standalone(model.model()), args.diagram)
     if not args.check:
-        print(written(model), end="")
+        if not args.diagram:
+            print(written(model), end="")
         return Exit.DONE
     from mcstudy.models.check import FREQUENCIES, check_response, check_stability
 
@@ -54,4 +62,5 @@ def main(args: argparse.Namespace) -> Exit:
     print(f"responses: those of an independent evaluation {at} within {apart:.1g}, derivatives within {slopes:.1g}")
     print(f"stable: growth rate {growth:.3g} 1/s")
     print("every parameter moves the response")
+    print(sketch(model.model()))
     return Exit.DONE

@@ -10,7 +10,8 @@ from mcstudy.analysis.published.publication import ALONE, Counterpart
 from mcstudy.report.html import html, table
 from mcstudy.report.labels import with_units
 from mcstudy.report.study.context import Context
-from mcstudy.report.study.equations import diagram, equations
+from mcstudy.report.study.diagram import diagram
+from mcstudy.report.study.equations import equations
 from mcstudy.stance.body import KINDS, Body
 from mcstudy.text_tables import Table
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -18,10 +18,6 @@ from mcstudy.recordings.refusals import refused
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, standing
 from mcstudy.stance.feedback import ANGLES, Model
-
-if TYPE_CHECKING:
-    from mcstudy.recordings.frf import FrfRecording
-    from mcstudy.recordings.recording import Recording
 
 ModelLike = Model | str | Path
 """A model, its name, or the path of its file."""
@@ -92,7 +88,26 @@ def model_of(given: ModelLike | None, folder: Path | None = None) -> Model | Non
         return read_model(given, folder).model()
 
 
-R = TypeVar("R", bound="Recording | FrfRecording")
+class Measured(Protocol):
+    """A recording of any kind."""
+
+    @property
+    def name(self) -> str:
+        """Text for people."""
+
+    @property
+    def model(self) -> Model | None:
+        """The declared model whose outputs it holds."""
+
+    @property
+    def columns(self) -> Columns:
+        """What it holds."""
+
+    def with_columns(self, model: Model, at: Sequence[int], factor: np.ndarray, drive: float) -> Self:
+        """The same as one of another model."""
+
+
+R = TypeVar("R", bound=Measured)
 
 
 def of_model(recording: R, model: Model | None) -> R:
@@ -107,4 +122,4 @@ def of_model(recording: R, model: Model | None) -> R:
     outputs = zip(at, wanted.units, wanted.outputs, strict=True)
     per = np.array([factor(known.units[k], unit, f"{recording.name}: {name}") for k, unit, name in outputs])
     drive = factor(known.stimulus_unit, wanted.stimulus_unit, f"{recording.name}: stimulus")
-    return recording.with_columns(model, at, per, drive)  # type: ignore[return-value]
+    return recording.with_columns(model, at, per, drive)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 
@@ -119,7 +120,8 @@ class FrfRecording(Summary):
             )
         if self.single:
             require_known(self.stimulus, SINGLE, f"{name}: stimulus", " where one angle was published")
-        if (np.linalg.det(C).real <= 1e-9 * variance.prod(axis=1)).any():
+        pairs = combinations(range(Y), 2)
+        if any((np.abs(C[:, i, j]) ** 2 >= (1 - 1e-9) * variance[:, i] * variance[:, j]).any() for i, j in pairs):
             raise RecordingError(
                 f"{name}: C: the covariance must be positive definite; expected |c12| below the product of the sd"
             )
@@ -142,7 +144,7 @@ class FrfRecording(Summary):
         columns = Columns.of(self.model, self.stimulus)
         return replace(columns, outputs=columns.outputs[:1], units=columns.units[:1]) if self.single else columns
 
-    def with_columns(self, model: Model, at: Sequence[int], factor: np.ndarray, drive: float) -> FrfRecording:
+    def with_columns(self, model: Model, at: Sequence[int], factor: np.ndarray, drive: float) -> Self:
         """The same as responses of a declared model: its outputs (Y,) are the columns ``at`` times a ``factor``.
 
         ``drive``: factor of the stimulus.

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -307,7 +307,7 @@ class Recording(Summary):
             return self.model
         return with_scaled_gains(two_segment(self.body, self.stimulus), self.body.mgh / Body().mgh)
 
-    def with_columns(self, model: Model, at: Sequence[int], factor: np.ndarray, drive: float) -> Recording:
+    def with_columns(self, model: Model, at: Sequence[int], factor: np.ndarray, drive: float) -> Self:
         """The same as a recording of a declared model: its outputs (Y,) are the columns ``at`` times a ``factor``.
 
         ``drive``: factor of the stimulus.

@@ -88,10 +88,10 @@ def lowest_minima(fitter: Fitter, data: Data, seed: int) -> tuple[Fitted, np.nda
     """
     model = fitter.model
     first = fitter.fits(
-        data.packed, np.vstack([linearised_starts(model, data, seed), drawn_starts(model, seed, DRAWN)])
+        fitter.packed(data), np.vstack([linearised_starts(model, data, seed), drawn_starts(model, seed, DRAWN)])
     )
     leading = _distinct(first.estimate[np.argsort(first.objective)], fitter.prior.scale)
-    second = fitter.fits(data.packed, np.clip(_moved(model, leading), model.lower, model.upper))
+    second = fitter.fits(fitter.packed(data), np.clip(_moved(model, leading), model.lower, model.upper))
     estimate = np.concatenate([first.estimate, second.estimate])
     order = np.argsort(np.concatenate([first.objective, second.objective]))
     best = fitter.best(data, estimate[order[:1]])

@@ -481,7 +481,8 @@ class Group(Section):
     @property
     def noise_source(self) -> Noise:
         """The sensor noise in the unit of the model's angles."""
-        return self.noise.of(self.model.angles or self.model.joints or ANGLES, self.model.unit)
+        angles = self.model.angles or self.model.joints or ANGLES
+        return self.noise.of(angles if len(angles) > 1 else (*angles, "none"), self.model.unit)
 
     @property
     def measurement_noise(self) -> MeasurementNoise | None:
@@ -489,7 +490,7 @@ class Group(Section):
         section = self.model
         angles = section.joints or ANGLES
         units = tuple(section.unit if o.unit is None else o.unit for o in section.output)
-        return self.noise.measurement.of(units or (section.unit,) * len(angles))
+        return self.noise.measurement.of(units or (section.unit,) * max(2, len(angles)))
 
     @property
     def until_certain(self) -> bool:

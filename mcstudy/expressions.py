@@ -8,7 +8,6 @@ would take all memory.
 from __future__ import annotations
 
 import ast
-import difflib
 import operator
 import re
 import warnings
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import InputError
+from mcstudy.text_tables import similar
 
 LONGEST = 4000
 """Characters of an expression."""
@@ -145,9 +145,7 @@ def _called(node: ast.Call) -> Callable[[Any], Any] | None:
 def _unknown(name: str, known: Collection[str]) -> str:
     if name in _FUNCTIONS:
         return f"expected {name}(...)"
-    near = difflib.get_close_matches(name, known, n=1) or [k for k in known if k.lower() == name.lower()]
-    hint = f" (similar: {near[0]})" if near else ""
-    return f"expected names among {', '.join(known)}, got {shortened(name)}{hint}"
+    return f"expected names among {', '.join(known)}, got {shortened(name)}{similar(name, known)}"
 
 
 def _syntax(error: SyntaxError, example: str) -> str:

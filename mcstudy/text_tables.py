@@ -183,10 +183,11 @@ def counted(n: int, what: str) -> str:
 
 
 def similar(name: str, known: Iterable[str]) -> str:
-    """The known name that is most like one that is not known, in brackets; empty where none is."""
+    """The known name that is most like one that is not known, or differs in case, in brackets; empty where none is."""
     import difflib  # needed for mistakes only
 
-    near = difflib.get_close_matches(name, list(known), n=1)
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1) or [k for k in names if k.lower() == name.lower()]
     return f" (similar: {near[0]})" if near else ""
 
 

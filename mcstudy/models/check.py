@@ -29,7 +29,7 @@ STILL = 1e-12
 
 
 def response(table: ModelTable, values: Mapping[str, float], f: np.ndarray) -> np.ndarray:
-    """Responses of the joints to the stimulus, (N, joints) complex, from the terms of the file alone."""
+    """Responses of the joints, or the declared outputs, to the stimulus, (N, Y) complex, from the file alone."""
     s, constants = 2j * np.pi * f, table.values()
     known = {**constants, **values, "s": s, "pi": np.pi}
     n = len(table.joints)
@@ -61,16 +61,21 @@ def response(table: ModelTable, values: Mapping[str, float], f: np.ndarray) -> n
     H = np.linalg.solve(loop, drive[..., None])[..., 0]
     for joint, name in table.sensor_filter.items():
         H[:, table.joints.index(joint)] *= through[name]
-    return np.asarray(H)
+    if not table.output:
+        return np.asarray(H)
+    signals = {**known, "stimulus": 1.0 + 0.0j} | {name: H[:, i % n] for i, name in enumerate(names)}
+    outputs = [expression(str(o.value), signals, "output", "")(signals) for o in table.output]
+    return np.stack([np.broadcast_to(y, f.shape) for y in outputs], axis=-1)
 
 
 def check_response(table: ModelTable, f: np.ndarray = FREQUENCIES) -> tuple[float, float]:
-    """Raise `DesignError` unless the model responds as its table says, in every joint, to every parameter.
+    """Raise `DesignError` unless the model responds as its table says, in every output, to every parameter.
 
     Returns the largest relative differences of responses and of derivatives from the independent evaluation.
     """
     model = table.model()
-    n = len(table.joints)
+    names = [o.name for o in table.output] or list(table.joints)
+    n = len(names)
     values = {p.name: p.value for p in model.parameters}
     try:
         with np.errstate(all="ignore"):
@@ -79,11 +84,11 @@ def check_response(table: ModelTable, f: np.ndarray = FREQUENCIES) -> tuple[floa
             expected = response(table, values, f)
     except np.linalg.LinAlgError:
         raise DesignError("term: expected a closed loop with a response, got a singular one") from None
-    for joint, size in zip(table.joints, np.abs(expected).T, strict=True):
+    for joint, size in zip(names, np.abs(expected).T, strict=True):
         if not np.isfinite(size).all():
             raise DesignError(f"term: expected a finite response of {joint}, got one that overflows")
         if not size.all():
-            raise DesignError(f"term: expected a stimulus that moves every joint, got no response of {joint}")
+            raise DesignError(f"term: expected a stimulus that moves every output, got no response of {joint}")
     apart = float(np.max(np.abs(H - expected) / np.abs(expected)))
     if not apart <= EQUAL:
         raise DesignError(f"term: expected the independent evaluation of the closed loop, got {apart:.2g} beside it")

@@ -21,7 +21,18 @@ from mcstudy.files.sections import Section
 from mcstudy.models.quantities import expression as quantity_of
 from mcstudy.models.quantities import require_finite
 from mcstudy.stance.body import DELAY_MARGIN
-from mcstudy.stance.feedback import Derived, Filter, Model, Monomial, Parameter, Term
+from mcstudy.stance.feedback import (
+    MOST_ROWS,
+    SENSES,
+    Derived,
+    Filter,
+    Model,
+    Monomial,
+    Output,
+    OutputTerm,
+    Parameter,
+    Term,
+)
 from mcstudy.stance.polynomials import pieces, written
 from mcstudy.text_tables import similar
 
@@ -96,6 +107,17 @@ class FilterTable(Short):
     denominator: Number = 1.0
 
 
+class OutputTable(Short):
+    """What is measured: ``value = "ankle + w*hip"`` of joint angles, the stimulus, powers of s and constants.
+
+    Without a unit it has that of the angles.
+    """
+
+    name: Words
+    value: Number
+    unit: Words | None = None
+
+
 class DerivedTable(Short):
     """A quantity that follows from parameters and constants: ``value = "sqrt(K/J)/(2*pi)"``.
 
@@ -109,10 +131,11 @@ class DerivedTable(Short):
 
 
 class ModelTable(Short):
-    """A closed loop of one or two joints, as a file declares it.
+    """A closed loop of one to four joints and auxiliary unknowns, as a file declares it.
 
     ``angles``: names of the joint angles where they are not those of the joints. ``sensor_filter``: filter between the
-    true and the measured angle, by joint. ``provenance``: where the true values come from.
+    true and the measured angle, by joint. ``output``: what is measured, where it is not the angles. ``provenance``:
+    where the true values come from.
     """
 
     name: Symbol | None = None
@@ -127,6 +150,7 @@ class ModelTable(Short):
     term: Annotated[tuple[TermTable, ...], MOST] = ()
     filter: Annotated[tuple[FilterTable, ...], MOST] = ()
     sensor_filter: dict[Symbol, Symbol] = Field(default={})
+    output: Annotated[tuple[OutputTable, ...], MOST] = ()
     derived: Annotated[tuple[DerivedTable, ...], MOST] = ()
 
     def values(self) -> dict[str, float]:
@@ -157,7 +181,8 @@ class ModelTable(Short):
         for joint, name in self.sensor_filter.items():
             _known(joint, self.joints, f"sensor_filter.{joint}")
             _known(name, [f.name for f in filters], f"sensor_filter.{joint}")
-        measured = [self.sensor_filter.get(joint) for joint in self.joints]
+        measured = tuple(self.sensor_filter.get(joint) for joint in self.joints)
+        outputs = tuple(self._output(o, known, joints) for o in self.output)
         self._check_used(terms, filters)
         try:
             model = Model(
@@ -165,12 +190,13 @@ class ModelTable(Short):
                 parameters,
                 terms,
                 filters,
-                (measured[0], measured[1] if len(measured) > 1 else None),
+                measured if any(measured) else (),
                 rows,
                 angles,
                 self.stimulus_unit,
                 self.provenance,
                 unit=self.unit,
+                outputs=outputs,
             )
         except ModelError as error:
             raise DesignError(str(error)) from None
@@ -178,13 +204,33 @@ class ModelTable(Short):
 
     def _axes(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         if not self.joints:
-            raise DesignError("joints: missing, expected the names of one or two joints")
-        if len(self.joints) > 2:
-            raise DesignError(f"joints: expected one or two names, got {len(self.joints)}")
+            raise DesignError(f"joints: missing, expected the names of one to {MOST_ROWS} joints")
+        if len(self.joints) > MOST_ROWS:
+            raise DesignError(f"joints: expected one to {MOST_ROWS} names, got {len(self.joints)}")
         angles = self.angles or self.joints
         if len(angles) != len(self.joints):
             raise DesignError(f"angles: expected one name for each of {len(self.joints)} joints, got {len(angles)}")
         return tuple(reversed(self.joints)), angles
+
+    def _output(self, table: OutputTable, known: Mapping[str, float], joints: Mapping[str, str]) -> Output:
+        """A sum of joint angles, their derivatives and the stimulus."""
+        where = f"output.{table.name}"
+        signals = {**joints, **{angle: angle for angle in joints.values()}, "stimulus": "stimulus"}
+        try:
+            polynomial = pieces(table.value, known)
+        except ModelError as error:
+            raise DesignError(f"{where}.value: {error}") from None
+        terms = []
+        for coefficient, order, powers in polynomial:
+            for name, _ in powers:
+                _known(name, [*signals, *known], f"{where}.value")
+            if len(powers) != 1 or powers[0][1] != 1:
+                raise DesignError(
+                    f"{where}.value: expected a sum of {', '.join(signals)}, each times constants and powers of s, got "
+                    f"{table.value!r}"
+                )
+            terms.append(OutputTerm(signals[powers[0][0]], coefficient, order))
+        return Output(table.name, tuple(terms), self.unit if table.unit is None else table.unit)
 
     def _filter(self, table: FilterTable, known: Mapping[str, float], names: set[str]) -> Filter:
         sides, orders = [], []
@@ -359,6 +405,7 @@ def _check_names(table: ModelTable) -> None:
         ("constant", table.constants),
         ("parameter", [p.name for p in table.parameter]),
         ("filter", [f.name for f in table.filter]),
+        ("output", [o.name for o in table.output if o.name not in (*table.joints, *table.angles)]),
         ("derived", [d.name or d.value for d in table.derived]),
     ):
         for name in names:
@@ -376,8 +423,9 @@ def table_of(model: Model) -> dict[str, Any]:
         raise ModelError(f"model {model.name}: expected a single stimulus, got {len(model.blocks)}")
     n = model.n_angles
     joints, angles = tuple(reversed(model.rows))[:n], model.angles[:n]
-    sums: dict[tuple[float, ...], str] = {(1.0, 1.0, 0.0): " + ".join(angles)}
-    sums |= {(float(k == 0), float(k == 1), 0.0): angle for k, angle in enumerate(angles)}
+    sums = {model.senses[angle]: angle for angle in angles}
+    if len(angles) == len(SENSES["theta2s"]) - 1:
+        sums[SENSES["theta2s"]] = " + ".join(angles)
     own = angles[0] if n == 1 else ""
 
     def term(t: Term) -> dict[str, Any]:
@@ -396,6 +444,16 @@ def table_of(model: Model) -> dict[str, Any]:
 
     def polynomial(monomials: tuple[Monomial, ...]) -> str:
         return written(tuple((m.coefficient, m.order, m.powers) for m in monomials))
+
+    def output(o: Output) -> str:
+        signals = (*model.angles, "stimulus")
+        found = (
+            (t.coefficient * (-weight if name == "stimulus" else weight), t.order, ((name, 1),))
+            for t in o.terms
+            for name, weight in zip(signals, model.senses[t.sense], strict=True)
+            if weight
+        )
+        return written(tuple(found))
 
     whole = {
         "name": model.name,
@@ -418,6 +476,10 @@ def table_of(model: Model) -> dict[str, Any]:
             for d in model.derived
         ],
         "sensor_filter": {j: f for j, f in zip(joints, model.output_filters, strict=False) if f is not None},
+        "output": [
+            {"name": o.name, "value": output(o), "unit": None if o.unit == model.unit else o.unit}
+            for o in model.outputs
+        ],
     }
     plain: dict[str, Any] = ModelTable.model_validate_json(json.dumps(whole)).model_dump(mode="json")
     return plain

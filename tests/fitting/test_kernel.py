@@ -1,11 +1,5 @@
 """The compiled kernel computes what the closed form says, lane by lane and bit by bit."""
 
-import hashlib
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from fit_problems import example
@@ -73,28 +67,3 @@ def test_many_problems_in_one_queue_equal_one_problem_at_a_time() -> None:
     queue = fit_queue(problems, which, starts.reshape(35, -1)[shuffled], "lm", options)
     alone = [fit(p, x0, "lm", Options(1e-12, 300)).estimate for p, x0 in zip(problems, starts, strict=True)]
     np.testing.assert_array_equal(queue.estimate, np.concatenate(alone)[shuffled])
-
-
-DIGEST = """
-import hashlib, sys
-sys.path.insert(0, {folder!r})
-import numpy as np
-from fit_problems import example
-from mcstudy.fitting.solvers import Options, fit
-from mcstudy.fitting.starts import uniform
-p = example("ml")
-q = fit(p, uniform(p.model, np.random.default_rng(3), 20), "lm", Options(1e-12, 300))
-print(hashlib.sha256(q.estimate.tobytes() + q.cost.tobytes() + q.iterations.tobytes()).hexdigest())
-"""
-
-
-def test_the_same_bits_come_out_on_another_cpu_target(tmp_path: Path) -> None:
-    problem = example("ml")
-    fits = fit(problem, uniform(problem.model, np.random.default_rng(3), 20), "lm", Options(1e-12, 300))
-    here = hashlib.sha256(fits.estimate.tobytes() + fits.cost.tobytes() + fits.iterations.tobytes()).hexdigest()
-    generic = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)}
-    code = DIGEST.format(folder=str(Path(__file__).parents[1] / "helpers"))
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, **generic}, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == here

@@ -237,7 +237,7 @@ def test_trials_of_one_kind_are_pooled(lagging: Recording) -> None:
 def test_the_prior_and_the_bayes_factor_are_stated_and_anyone_can_apply_his_own(
     lagging: Recording, out: Diagnosis, plain_recordings: list[Recording]
 ) -> None:
-    for recording, seed in ((lagging, 3), (plain_recordings[0], 0)):
+    for recording, seed, priors in ((lagging, 3, (0.1, 0.7)), (plain_recordings[0], 0, (0.7,))):
         default = out if recording is lagging else diagnose(recording, DiagnosisSettings(fast=True, seed=seed))
         assert document(default)["prior"] == {
             "none": 0.30,
@@ -246,7 +246,7 @@ def test_the_prior_and_the_bayes_factor_are_stated_and_anyone_can_apply_his_own(
             "unknown": 0.11,
             "beside": 0.04,
         }
-        for p in (0.1, 0.7):
+        for p in priors:
             other = diagnose(recording, DiagnosisSettings(fast=True, seed=seed, prior_none=p))
             schema.validate("diagnosis", document(other), "diagnosis")
             assert sum(other.prior.values()) == pytest.approx(1)

@@ -168,7 +168,7 @@ def test_a_term_may_sense_a_sum_of_joints_with_weights() -> None:
     ("path", "value", "line"),
     [
         ("joints", [], "model.joints: missing"),
-        ("joints", ["a", "b", "c"], "model.joints: expected one or two names, got 3"),
+        ("joints", ["a", "b", "c", "d", "e"], "model.joints: expected one to 4 names, got 5"),
         ("joints", ["s"], "model.joint.s: expected a name of its own, got one that is a word of the grammar"),
         ("constants.K", 1, "model.parameter.K: expected a name of its own, got one that is a constant"),
         ("constants.m", "h", None),
@@ -255,7 +255,7 @@ def test_a_stimulus_that_leaves_a_joint_at_rest_and_a_parameter_that_moves_nothi
     spring = {"joint": "low", "sense": "low", "gain": "K"}
     drive = {"joint": "low", "sense": "stimulus"}
     raw = {"joints": ["low", "high"], "parameter": [{"name": "K", "value": 5.0}], "term": [*joints, spring, drive]}
-    with pytest.raises(DesignError, match="expected a stimulus that moves every joint, got no response of high"):
+    with pytest.raises(DesignError, match="expected a stimulus that moves every output, got no response of high"):
         check_response(checked_table(raw))
     coupled = [*joints, {**spring, "joint": "high"}, drive, {"joint": "high", "sense": "low", "coefficient": 1.0}]
     check_response(checked_table({**raw, "term": coupled}))

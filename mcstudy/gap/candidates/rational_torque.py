@@ -200,14 +200,14 @@ def _with_terms(model: Model, path: Path, poles: int) -> Model:
     """The terms of the path; a corrective torque counts against the stimulus, like a stiffness."""
     filters: list[Filter] = []
     terms = [Term(path.row, path.sense, (name,), int(name == _B)) for name in path.linear]
-    s, one, two = Monomial(1.0, 1), Monomial(1.0, 0, ((_W, 1),)), Monomial(1.0, 0, ((_V, 2),))
+    s, unity, square = Monomial(1.0, 1), Monomial(1.0, 0, ((_W, 1),)), Monomial(1.0, 0, ((_V, 2),))
     if poles % 2:
-        filters.append(Filter("torque_first", (one,), (s, one)))
+        filters.append(Filter("torque_first", (unity,), (s, unity)))
         terms.append(Term(path.row, path.sense, (_R,), filters=("torque_first",)))
     if poles > 1:
-        below = (Monomial(1.0, 2), Monomial(2.0, 1, ((_V, 1), (_Z, 1))), two)
+        below = (Monomial(1.0, 2), Monomial(2.0, 1, ((_V, 1), (_Z, 1))), square)
         rate = Monomial(1.0, 1, ((_V, 1),))
-        filters += [Filter("torque_second", (two,), below), Filter("torque_second_rate", (rate,), below)]
+        filters += [Filter("torque_second", (square,), below), Filter("torque_second_rate", (rate,), below)]
         terms.append(Term(path.row, path.sense, (_P,), filters=("torque_second",)))
         terms.append(Term(path.row, path.sense, (_Q,), filters=("torque_second_rate",)))
     if path.sense == "stimulus":  # the sense weighs it with -1

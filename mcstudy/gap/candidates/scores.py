@@ -80,14 +80,14 @@ class Scores:
 
     Parameters
     ----------
-    fitted, data: the fit and what was fitted. found: signatures of the library at it (may be empty).
+    fitted, data: the fit and what was fitted. signatures: those of the library at it (may be empty).
     signed: per signature, whether both signs of the effect occur in people.
     """
 
-    def __init__(self, fitted: Fitted, data: Data, found: Sequence[Signature], signed: Sequence[bool]) -> None:
+    def __init__(self, fitted: Fitted, data: Data, signatures: Sequence[Signature], signed: Sequence[bool]) -> None:
         self.project = Projection.of(fitted, data)
-        self.library = [s for s in found if s.delta > 0.3]
-        self._signed = [x for s, x in zip(found, signed, strict=True) if s.delta > 0.3]
+        self.library = [s for s in signatures if s.delta > 0.3]
+        self._signed = [x for s, x in zip(signatures, signed, strict=True) if s.delta > 0.3]
         unit = np.array([s.vector / s.delta for s in self.library]).reshape(-1, 4 * data.f.size).T
         names, places, columns = zip(*plain_feedback(fitted, data), strict=True)
         self.plain = strange(list(zip(names, places, self.project(np.array(columns).T).T, strict=True)), unit)

@@ -224,7 +224,7 @@ def ranked(now: Situation, plans: Sequence[Plan], seed: int = 0) -> tuple[Option
 
     def valued(some: Iterable[Plan]) -> list[Option]:
         expected = ((p, predictions(p, now.noise, now.expected)) for p in some)
-        return [Option(p, told(found, belief, stream(seed, "gap next"))) for p, found in expected]
+        return [Option(p, told(predicted, belief, stream(seed, "gap next"))) for p, predicted in expected]
 
     single = valued(p for p in plans if len(p) == 1)
     leading: list[PlannedTrial] = []

@@ -69,17 +69,17 @@ class Told:
     separated: np.ndarray
 
 
-def told(found: Predictions, belief: Belief, rng: np.random.Generator, draws: int = DRAWS) -> Told:
+def told(predicted: Predictions, belief: Belief, rng: np.random.Generator, draws: int = DRAWS) -> Told:
     """What a trial with these predictions is expected to tell."""
-    R = found.mean.shape[1]
+    R = predicted.mean.shape[1]
     p, member = belief.probability, belief.membership
     y = np.concatenate(
         [
             m + rng.standard_normal((draws, R)) + rng.standard_normal((draws, root.shape[1])) @ root.T
-            for m, root in zip(found.mean, found.root, strict=True)
+            for m, root in zip(predicted.mean, predicted.root, strict=True)
         ]
     )
-    log, renewal = _log_densities(y, found)  # (H, H D)
+    log, renewal = _log_densities(y, predicted)  # (H, H D)
     joint = log + np.log(p)[:, None]
     coherent = member.T @ np.exp(joint - logsumexp(joint, axis=0))  # (K, H D)
     posterior = _stated(joint + renewal, belief)
@@ -125,21 +125,21 @@ def _stated(joint: np.ndarray, belief: Belief) -> np.ndarray:
     return np.asarray(causes / (1 + left))
 
 
-def _log_densities(y: np.ndarray, found: Predictions) -> tuple[np.ndarray, np.ndarray]:
+def _log_densities(y: np.ndarray, predicted: Predictions) -> tuple[np.ndarray, np.ndarray]:
     """ln of the density (H, D) that every hypothesis gives data ``y`` (D, R), up to a constant, and of its renewal.
 
     With covariance 1 + root root^T; the products with the data are matrix products (Woodbury identity). The renewal
     (H, D) is the change of the prior of its sizes, from that of the recorded data to that of these and ``y``.
     """
-    lower = [np.linalg.cholesky(np.eye(root.shape[1]) + root.T @ root) for root in found.root]
-    across = [root @ np.linalg.inv(low).T for root, low in zip(found.root, lower, strict=True)]
+    lower = [np.linalg.cholesky(np.eye(root.shape[1]) + root.T @ root) for root in predicted.root]
+    across = [root @ np.linalg.inv(low).T for root, low in zip(predicted.root, lower, strict=True)]
     ends = np.cumsum([x.shape[1] for x in across])[:-1]
     parts = np.split(y @ np.concatenate(across, axis=1), ends, axis=1)  # one product for all hypotheses
-    away = (y**2).sum(axis=1) - 2 * (found.mean @ y.T) + (found.mean**2).sum(axis=1)[:, None]
+    away = (y**2).sum(axis=1) - 2 * (predicted.mean @ y.T) + (predicted.mean**2).sum(axis=1)[:, None]
     renewal = np.zeros_like(away)
-    for k, (m, x, part, low) in enumerate(zip(found.mean, across, parts, lower, strict=True)):
+    for k, (m, x, part, low) in enumerate(zip(predicted.mean, across, parts, lower, strict=True)):
         away[k] -= ((part - m @ x) ** 2).sum(axis=1)
-        for s in found.sizes[k]:
+        for s in predicted.sizes[k]:
             row = solve_triangular(low, np.pad(s.root, (0, len(low) - s.root.size)), lower=True)
             after = s.value + (part - m @ x) @ row
             renewal[k] += _log_mean_prior(s.size, after, np.sqrt(row @ row))

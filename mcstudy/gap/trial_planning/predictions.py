@@ -222,19 +222,19 @@ class Expected:
         weight = LineNoise(C := trial.covariance(noise), np.full(len(C), KNOWN_DOF)).whitener
         mean, shared, alone = [], [], []
         sizes: list[tuple[KnownSize, ...]] = []
-        for h, (own, covariance, H, J) in enumerate(self._responses(trial)):
+        for h, (fitted, covariance, H, J) in enumerate(self._responses(trial)):
             m = whiten(weight, H)
             if self.belief.causes[h] == UNKNOWN:
                 seen = self.recorded.of(trial.kind)
-                further, free = _unknown(own, covariance, Data(trial.f, H, weight), seen, self.belief.variance)
+                further, free = _unknown(fitted, covariance, Data(trial.f, H, weight), seen, self.belief.variance)
                 m, common = m + further, free[:, :0]
                 sizes.append(())
             else:
                 spread = _root(covariance)
                 root = whiten(weight, J) @ spread
-                fitted = np.isin(own.model.names, self.belief.fits[h].model.names)
-                common, free = root[:, fitted], root[:, ~fitted]
-                sizes.append(_sizes(own, spread[:, fitted]))
+                of_base = np.isin(fitted.model.names, self.belief.fits[h].model.names)
+                common, free = root[:, of_base], root[:, ~of_base]
+                sizes.append(_sizes(fitted, spread[:, of_base]))
             mean.append(m)
             shared.append(common)
             alone.append(free)
@@ -299,7 +299,7 @@ def _variance(base: Fitted, data: Data, gap: float) -> float:
 
 
 def _unknown(
-    own: Fitted, covariance: np.ndarray, data: Data, seen: Lines | None, variance: float
+    fitted: Fitted, covariance: np.ndarray, data: Data, seen: Lines | None, variance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened change (4 N,) of the mean and root (4 N, K) of the covariance, for a cause outside the library.
 
@@ -307,13 +307,13 @@ def _unknown(
     together (normal, to first order).
     """
     if seen is None:
-        torques = _torques(own, data) * np.sqrt(variance)
-        return np.zeros(len(torques)), np.concatenate([own.jacobian(data) @ _root(covariance), torques], axis=1)
+        torques = _torques(fitted, data) * np.sqrt(variance)
+        return np.zeros(len(torques)), np.concatenate([fitted.jacobian(data) @ _root(covariance), torques], axis=1)
     f, n = np.concatenate([seen.f, data.f]), len(seen)
-    both = Data(f, own.response(f), np.concatenate([seen.noise.whitener, data.weight]))
-    X = np.concatenate([own.jacobian(both), _torques(own, both)], axis=1)
+    both = Data(f, fitted.response(f), np.concatenate([seen.noise.whitener, data.weight]))
+    X = np.concatenate([fitted.jacobian(both), _torques(fitted, both)], axis=1)
     first, second = (x.reshape(-1, X.shape[1]) for x in np.split(X.reshape(2, len(f), 2, -1), [n], axis=1))
-    residual = whiten(seen.noise.whitener, seen.y - own.response(seen.f))
+    residual = whiten(seen.noise.whitener, seen.y - fitted.response(seen.f))
     P = len(covariance)
     precision = np.zeros((X.shape[1], X.shape[1]))
     precision[:P, :P] = np.linalg.inv(covariance) - first[:, :P].T @ first[:, :P]  # priors, and other recordings

@@ -76,8 +76,8 @@ class PlannedTrial:
             return prts
         k = np.arange(1, int(min(self.fmax * PERIOD_S, prts.samples / 2 - 1)) + 1, 2)
         phase = np.mod(-180.0 * np.arange(k.size) ** 2 / k.size, 360.0)  # Schroeder (1970): a low crest factor
-        lines, one, turned = tuple(map(int, k)), (1.0,) * k.size, tuple(map(float, phase))
-        return LineStimulus(lines, one, turned, prts.samples, RATE_HZ, self.amplitude)
+        lines, equal, turned = tuple(map(int, k)), (1.0,) * k.size, tuple(map(float, phase))
+        return LineStimulus(lines, equal, turned, prts.samples, RATE_HZ, self.amplitude)
 
     @cached_property
     def harmonic(self) -> np.ndarray:

@@ -239,7 +239,7 @@ def test_a_mistake_is_one_line_that_names_the_field(path: str, value: object, li
         (
             "term.0",
             {"order": 2, "coefficient": 10, "delay": "Td"},
-            "term: expected a proper closed loop, got a delayed",
+            "term: expected a proper closed loop, got a",
         ),
         ("term.0", {"order": 0, "coefficient": 0}, "parameter: expected a stable closed loop"),
         ("term.+", {"order": 2, "coefficient": 100, "delay": "Td"}, "parameter: expected a stable closed loop"),

@@ -31,7 +31,10 @@ def rows(study: Path) -> list[list[str]]:
     for part in (cells, cells.mc.derived()):
         bias, cv = (x.isel(amplitude=0, fmax=0) for x in (part.mc.bias(), part.mc.cv()))
         for name in part["parameter"].values:
-            truth, unit = float(part["truth"].sel(parameter=name)), str(part["parameter_unit"].sel(parameter=name).item())
+            truth, unit = (
+                float(part["truth"].sel(parameter=name)),
+                str(part["parameter_unit"].sel(parameter=name).item()),
+            )
             b, c = bias.sel(parameter=name), cv.sel(parameter=name)
             held = "" if name not in coverage["parameter"] else _interval(coverage.sel(parameter=name))
             found.append([str(name), f"{truth:.4g} {unit}", _error(b, 100 / abs(truth)), _error(c, 100.0), held])

@@ -1,4 +1,6 @@
-"""The statements of Pasma et al. 2017 about their model, side by side with ours: python pipelines/validation/pasma2017.py
+"""The statements of Pasma et al. 2017 about their model, side by side with ours.
+
+    python pipelines/validation/pasma2017.py
 
 Front Comput Neurosci 11:99, doi 10.3389/fncom.2017.00099: a sensitivity analysis of the independent-channel model at
 the parameters of its Table 1. Printed for every parameter: by how many percent the magnitude, and by how many degrees
@@ -57,7 +59,11 @@ def statements(names: tuple[str, ...], magnitude: np.ndarray, phase: np.ndarray)
         ("Kp shapes the magnitude at 0.1–1 Hz (% there, % elsewhere)", *inside(magnitude, "Kp", 0.1, 1.0)),
         ("Kd shapes the magnitude at 0.5–0.9 Hz (% there, % elsewhere)", *inside(magnitude, "Kd", 0.5, 0.9)),
         ("delay shapes the phase above 0.6 Hz (deg there, deg below)", *inside(phase, "tau", 0.6, 2.5)),
-        ("weight changes the whole magnitude (least %, a tenth of its largest)", float(weight.min()), float(weight.max() / 10)),
+        (
+            "weight changes the whole magnitude (least %, a tenth of its largest)",
+            float(weight.min()),
+            float(weight.max() / 10),
+        ),
         ("weight changes no phase (1 deg, largest change)", 1.0, float(np.abs(phase[:, at["W"]]).max())),
         ("force feedback and K matter little (least of Kp, Kd, delay, W; most of Kf, Tf, K)", least, most),
     ]

@@ -236,12 +236,8 @@ def test_a_mistake_is_one_line_that_names_the_field(path: str, value: object, li
     ("path", "value", "line"),
     [
         ("parameter.0.value", 300, "parameter: expected a stable closed loop at the true values, got growth rate +"),
-        (
-            "term.0",
-            {"order": 2, "coefficient": 10, "delay": "Td"},
-            "term: expected a proper closed loop, got a",
-        ),
-        ("term.0", {"order": 0, "coefficient": 0}, "parameter: expected a stable closed loop"),
+        ("term.0", {"order": 1, "coefficient": 10}, "parameter: expected a stable closed loop at the true values"),
+        ("term.0", {"order": 2, "coefficient": 10, "delay": "Td"}, "term: expected a proper closed loop, got a"),
         ("term.+", {"order": 2, "coefficient": 100, "delay": "Td"}, "parameter: expected a stable closed loop"),
     ],
 )

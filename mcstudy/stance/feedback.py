@@ -577,7 +577,7 @@ class Table:
         index = {name: i for i, name in enumerate(model.names)}
         filter_index = {f.name: i for i, f in enumerate(model.filters)}
         terms = list(model.terms)
-        if model.n_angles == 1:
+        if not any(t.row == model.rows[0] for t in terms):
             terms.append(Term(model.rows[0], model.angles[1]))
         groups: dict[tuple[tuple[int, ...], tuple[int, ...]], int] = {}
         entry, weight, noisy = [], [], []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,19 +12,21 @@ from mcstudy.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ENDINGS = (".svg",)
-"""Names of figures that are written as SVG documents."""
-
-DRAWN = (".svg", ".png", ".pdf")
-"""Names of figures that matplotlib draws."""
+UNDATED: dict[str, dict[str, None]] = {".svg": {"Date": None}, ".png": {}, ".pdf": {"CreationDate": None}}
+"""Endings of figures, and what matplotlib leaves out, so that the same figure has the same bytes."""
 
 
-def check_figure(path: Path | None, endings: tuple[str, ...] = ENDINGS, page: Path | None = None) -> None:
+def check_figure(path: Path | None, page: Path | None = None) -> None:
     """Raise `InputError` where no figure or page can be written, before anything is computed; None is none."""
-    if page is not None or (path is not None and endings == DRAWN):
+    if path is not None or page is not None:
         from mcstudy.report.style import require_matplotlib
 
         require_matplotlib()
+    check_name(path, UNDATED)
+
+
+def check_name(path: Path | None, endings: Collection[str]) -> None:
+    """Raise `InputError` where the name has none of these endings, or is in no folder; None is none."""
     if path is None:
         return
     if path.suffix not in endings:
@@ -33,15 +36,15 @@ def check_figure(path: Path | None, endings: tuple[str, ...] = ENDINGS, page: Pa
         raise InputError(f"{path}: cannot be written: {there} is not a folder")
 
 
-def write_figure(figure: Figure | str, path: Path) -> None:
-    """Write a figure or an SVG document; raises `StoreError` when the file cannot be written."""
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure; raises `StoreError` when the file cannot be written."""
     from mcstudy.files.output import write_file
+    from mcstudy.report.axes import styled
 
     def content() -> bytes:
-        if isinstance(figure, str):
-            return f"{figure}\n".encode()
         drawn = io.BytesIO()
-        figure.savefig(drawn, format=path.suffix.removeprefix("."))
+        with styled():
+            figure.savefig(drawn, format=path.suffix.removeprefix("."), metadata=UNDATED[path.suffix])
         return drawn.getvalue()
 
     write_file(path, content)

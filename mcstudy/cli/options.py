@@ -42,9 +42,9 @@ def add_page_argument(parser: Parser, text: str = "also write a self-contained p
     parser.add_argument("--html", type=Path, metavar="PAGE", help=text)
 
 
-def add_figure_argument(parser: Parser, what: str, *, endings: str = ".svg") -> None:
+def add_figure_argument(parser: Parser, what: str, option: str = "--figure") -> None:
     """A figure that a verb draws besides."""
-    parser.add_argument("--figure", type=Path, metavar="FILE", help=f"also draw {what} ({endings})")
+    parser.add_argument(option, type=Path, metavar="FILE", help=f"also draw {what} (.svg, .png or .pdf)")
 
 
 def add_scheduler_arguments(parser: Parser | Group) -> None:

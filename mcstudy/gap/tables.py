@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from html import escape
 
-from mcstudy import text_tables
 from mcstudy.effect_library import library
 from mcstudy.effect_library.library import usual_size
 from mcstudy.gap import nearest_words
@@ -54,23 +51,12 @@ def tables(d: DiagnosisRecord) -> list[Table]:
 
 def text(d: DiagnosisRecord) -> str:
     """All tables as plain text."""
-    return "\n\n".join(
-        text_tables.table(t.header, t.rows) + (f"\n{text_tables.fill(t.note)}" if t.note else "") for t in tables(d)
-    )
+    return "\n\n".join(t.text() for t in tables(d))
 
 
 def html(d: DiagnosisRecord) -> str:
     """All tables as an HTML fragment, for a notebook."""
-
-    def row(cells: Sequence[str], tag: str) -> str:
-        return "<tr>" + "".join(f"<{tag}>{escape(c)}</{tag}>" for c in cells) + "</tr>"
-
-    return "".join(
-        f"<table><caption>{escape(t.title)}</caption><thead>{row(t.header, 'th')}</thead>"
-        f"<tbody>{''.join(row(r, 'td') for r in t.rows)}</tbody></table>"
-        + (f"<p>{escape(t.note)}</p>" if t.note else "")
-        for t in tables(d)
-    )
+    return "".join(t.html() for t in tables(d))
 
 
 def _causes(d: DiagnosisRecord) -> Table:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import zip_longest
 from typing import Any
 
 import matplotlib
@@ -38,14 +39,21 @@ def axes(ax: Axes | None, size: tuple[float, float] = (4.3, 3.2)) -> Axes:
         return new
 
 
-def picture(drawings: Sequence[Callable[[Axes], object]], title: str) -> Figure:
-    """Drawings side by side, as a file of their own."""
+def picture(
+    drawings: Sequence[Callable[[Axes], object]],
+    title: str,
+    columns: int | None = None,
+    size: tuple[float, float] = (4.6, 4.4),
+) -> Figure:
+    """Drawings of ``size`` (inches) in rows of ``columns``, all in one by default, as a file of their own."""
+    columns = columns or max(len(drawings), 1)
+    rows = max(-(-len(drawings) // columns), 1)
     with styled():
-        shown = Figure(figsize=(4.6 * len(drawings), 4.4), layout="constrained")
-        for ax, drawing in zip(shown.subplots(1, len(drawings), squeeze=False)[0], drawings, strict=True):
-            drawing(ax)
-        shown.suptitle(title, fontsize="medium")
-    return shown
+        figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+        for ax, drawing in zip_longest(figure.subplots(rows, columns, squeeze=False).flat, drawings):
+            (drawing or Axes.set_axis_off)(ax)
+        figure.suptitle(title, fontsize="medium")
+    return figure
 
 
 def colour_of(values: np.ndarray, value: float) -> str:

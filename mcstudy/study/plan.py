@@ -36,6 +36,7 @@ from mcstudy.study.execution.tasks import fill
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.extent import Extent, extent
 from mcstudy.study.instability import refuse_unstable, warnings_of
+from mcstudy.text_tables import table
 
 PILOT_UNTIL_CERTAIN = 4
 """Realizations that tell how many starts it takes to be certain."""
@@ -104,13 +105,10 @@ class StudyPlan:
     libraries: int
 
     def __repr__(self) -> str:
-        width = max(len(g.name) for g in self.groups)
         lines = [f"study {self.study.study.name}, seed {self.study.study.seed}"]
         lines += [f"warning: {line}" for line in warnings_of(self.study)]
-        lines.append(f"{'group':<{width}}  {'fits':>10}  {'chunks':>7}  {'MB':>8}  {'CPU':>12}")
-        for g in self.groups:
-            size, time = f"{g.bytes / 1e6:.1f}", duration(g.seconds)
-            lines.append(f"{g.name:<{width}}  {g.fits:>10}  {g.chunks:>7}  {size:>8}  {time:>12}")
+        sizes = [[g.name, str(g.fits), str(g.chunks), f"{g.bytes / 1e6:.1f}", duration(g.seconds)] for g in self.groups]
+        lines.append(table(["group", "fits", "chunks", "MB", "CPU"], sizes))
         busy = f" ({self.slowdown:.1f} times slower than idle)" if self.slowdown > 1.1 else ""
         for g in self.groups:
             if self.study.groups[g.name].until_certain:
@@ -124,15 +122,17 @@ class StudyPlan:
         memory = f"{self.memory / 1e6:.0f} MB"
         whole = self.extent
         lines.append(f"{whole.tasks} tasks, {whole.files} files, about {memory} of memory at any time of the run")
-        lines.append("expected Monte Carlo standard error of the bias, % of the true value:")
-        for g in self.groups:
-            if not g.precision:
-                lines.append(f"{g.name:<{width}}  none, because the group has no noise")
-            lines += [
-                f"{g.name:<{width}}  amplitude {p.amplitude:g}, fmax {p.fmax:g} Hz: "
-                f"{p.mean:.2g} on average, {p.largest:.2g} for {p.parameter}"
-                for p in g.precision
-            ]
+        lines += [
+            f"{g.name} has no noise, so its bias has no Monte Carlo error" for g in self.groups if not g.precision
+        ]
+        errors = [
+            [g.name, f"{p.amplitude:g}", f"{p.fmax:g}", f"{p.mean:.2g}", f"{p.largest:.2g} ({p.parameter})"]
+            for g in self.groups
+            for p in g.precision
+        ]
+        if errors:
+            lines.append("expected Monte Carlo standard error of the bias, % of the true value:")
+            lines.append(table(["group", "amplitude", "Fmax (Hz)", "mean", "largest"], errors))
         return "\n".join(lines)
 
     @property

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mcstudy.text_tables import table
+
 
 @dataclass(frozen=True)
 class Sizes:
@@ -58,9 +60,7 @@ class Result:
         lines = [f"== {self.name}"]
         if self.table:
             head = list(dict.fromkeys(k for row in self.table for k, v in row.items() if not isinstance(v, dict)))
-            cells = [head, *([_show(row.get(k, "")) for k in head] for row in self.table)]
-            width = [max(len(row[i]) for row in cells) for i in range(len(head))]
-            lines += ["  ".join(c.rjust(w) for c, w in zip(row, width, strict=True)) for row in cells]
+            lines.append(table(head, [[_show(row.get(k, "")) for k in head] for row in self.table]))
         lines += [f"{key} = {_show(value)}" for key, value in self.keys.items()]
         return "\n".join([*lines, *self.notes])
 

@@ -128,7 +128,6 @@ def _score(args: argparse.Namespace) -> Exit:
     from mcstudy.files.json_files import json_text, write_json
     from mcstudy.text_tables import folded
     from mcstudy_challenge.scores.other_shares import SHARES
-    from mcstudy_challenge.scores.reliability import reliability_svg
     from mcstudy_challenge.scores.score import exit_code, score_files
     from mcstudy_challenge.scores.table import score_text
 
@@ -140,7 +139,9 @@ def _score(args: argparse.Namespace) -> Exit:
     if args.out:
         write_json(args.out, score, "challenge_score")
     if args.figure:
-        write_figure(reliability_svg(score), args.figure)
+        from mcstudy_challenge.scores.reliability import reliability_picture
+
+        write_figure(reliability_picture(score), args.figure)
     if args.json:
         print_json(json_text(score, "challenge_score", "score"))
     else:
@@ -149,16 +150,20 @@ def _score(args: argparse.Namespace) -> Exit:
 
 
 def _run(args: argparse.Namespace) -> Exit:
+    from mcstudy.cli.figure_file import check_figure, write_figure
     from mcstudy.files.json_files import own_folder, write_json, write_text
     from mcstudy.scheduler.compiling import DIAGNOSIS
     from mcstudy.text_tables import folded, unfolded
     from mcstudy_challenge.answer import METHODS, answer, answered
-    from mcstudy_challenge.scores.reliability import reliability_svg
     from mcstudy_challenge.scores.score import exit_code, score_files
     from mcstudy_challenge.scores.table import score_text
 
     own_folder(args.out, "data", "a challenge")
     data, key, answers = args.out / "data", args.out / "key.json", args.out / "answers.json"
+    figure = args.out / "reliability.svg"
+    check_figure(figure)
+    from mcstudy_challenge.scores.reliability import reliability_picture
+
     file, _ = _made(args, data, key)
     if not answered(data, answers, file.answer.method):
         _compile(args, DIAGNOSIS)
@@ -168,6 +173,6 @@ def _run(args: argparse.Namespace) -> Exit:
     with unfolded():
         page = score_text(score)
     write_text(args.out / "score.txt", page)
-    write_text(args.out / "reliability.svg", reliability_svg(score))
+    write_figure(reliability_picture(score), figure)
     print(folded(score_text(score)))
     return exit_code(score) if args.check else Exit.DONE

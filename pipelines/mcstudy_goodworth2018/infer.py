@@ -26,7 +26,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("file", type=Path, help="inference file (.toml), or the name of a shipped one (table_one)")
     add_out_argument(parser, "DIR", "folder for all results", required=True)
     add_figure_argument(parser, "the marginals of the posterior")
-    parser.add_argument("--trade-offs", type=Path, metavar="SVG", help="also draw which numbers contradict each other")
+    add_figure_argument(parser, "which numbers contradict each other", "--trade-offs")
     add_scheduler_arguments(parser)
 
 
@@ -78,11 +78,11 @@ def main(args: argparse.Namespace) -> Exit:
     found = infer(args.file, args.out, **where_of(args))
     print(folded(text(found)))
     if args.figure is not None:
-        from mcstudy_goodworth2018.lost_table.marginals import marginals_svg
+        from mcstudy_goodworth2018.lost_table.marginals import marginals_picture
 
-        write_figure(marginals_svg(found), args.figure)
+        write_figure(marginals_picture(found), args.figure)
     if args.trade_offs is not None:
-        from mcstudy_goodworth2018.lost_table.trade_off import trade_offs_svg
+        from mcstudy_goodworth2018.lost_table.trade_off import trade_offs_picture
 
-        write_figure(trade_offs_svg(found), args.trade_offs)
+        write_figure(trade_offs_picture(found), args.trade_offs)
     return Exit.DONE

@@ -48,6 +48,7 @@ from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
+from mcstudy.text_tables import table
 from pipelines.measured import add_option, write
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
@@ -271,22 +272,23 @@ def main() -> None:
             f"{args.groups} groups of {args.size} from {args.people} people, up to {args.fmax:g} Hz: "
             "% of 95 % intervals that hold the truth"
         )
-        columns = zip(COLUMNS, WIDTHS, strict=True)
-        print(f"{'quantity':14}" + "".join(name.rjust(width) for name, width in columns), flush=True)
-        found = []
-        for name, one in zip(names, judge, strict=True):
-            found.append(100 * np.mean(one.result(), axis=0))
-            print(_row(name, found[-1]), flush=True)
-    print(_row("mean", np.mean(found, axis=0)))
-    rows = [[name, *(f"{x:.{k != 1:d}f}" for k, x in enumerate(held))] for name, held in zip(names, found, strict=True)]
-    write(args.json, tables={"held": (["quantity", *COLUMNS], rows)})
+        held = [100 * np.mean(future.result(), axis=0) for future in judge]
+    header = ["quantity", *COLUMNS]
+    *rows, mean = (
+        [name, *(f"{x:.{k != 1:d}f}" for k, x in enumerate(shares))]
+        for name, shares in zip([*names, "mean"], [*held, np.mean(held, axis=0)], strict=True)
+    )
+    print(table(header, [*rows, mean]))
+    write(args.json, tables={"held": (header, rows)})
 
 
 def _print_cause(people: Sequence[Person], name: str, size: int) -> None:
     """Why the spread of a quantity is covered too rarely."""
-    print(f"standard deviation of {name}: % held with chi-squared, with the present threshold; median")
-    for c in causes(people, name, size):
-        print(f"{c.what:36}{c.chi_squared:8.1f}{c.present:8.1f}{c.estimate:8.2f}")
+    rows = [
+        [c.what, f"{c.chi_squared:.1f}", f"{c.present:.1f}", f"{c.estimate:.2f}"] for c in causes(people, name, size)
+    ]
+    header = [f"standard deviation of {name}", "% held with chi-squared", "with the present threshold", "median"]
+    print(table(header, rows))
     true = np.array([p.truth[name] for p in people])
     error = np.array([p.likelihood[name].estimate for p in people]) - true
     rms, usual = np.sqrt(np.mean(error**2)), np.median(np.abs(error)) / ndtri(0.75)
@@ -297,26 +299,17 @@ def _print_cause(people: Sequence[Person], name: str, size: int) -> None:
 def _print_changes(people: Sequence[Person], args: argparse.Namespace) -> None:
     """How often changes of people who are measured twice are held, and found."""
     print(f"{args.groups} groups of {args.size} from {args.people} people, measured twice")
-    print(f"{'quantity':14}  held (%)  change found (%)  by a t-test (%)", flush=True)
-    rows = []
-    for name in people[0].truth:
-        held, found, by_t = 100 * np.mean(changes(people, name, args.groups, args.size), axis=0)
-        rows.append([name, f"{held:.1f}", f"{found:.1f}", f"{by_t:.1f}"])
-        print(f"{name:14}{held:10.1f}{found:18.1f}{by_t:17.1f}", flush=True)
+    rows = [
+        [name, *(f"{100 * share:.1f}" for share in np.mean(changes(people, name, args.groups, args.size), axis=0))]
+        for name in people[0].truth
+    ]
+    print(table(["quantity", "held (%)", "change found (%)", "by a t-test (%)"], rows))
     lowest = {"value": min(float(row[1]) for row in rows), "unit": "%"}
     write(args.json, {"lowest": lowest}, {"held": (["quantity", "held", "change found", "by a t-test"], rows)})
 
 
 COLUMNS = ("mean", "(ended by data)", "SD between", "difference", "individuals")
 """What is judged, in the order of `Held`."""
-
-WIDTHS = (8, 18, 12, 12, 13)
-"""Of the columns that are printed."""
-
-
-def _row(name: str, held: np.ndarray) -> str:
-    cells = [f"({x:.0f})" if k == 1 else f"{x:.1f}" for k, x in enumerate(held)]
-    return f"{name:14}" + "".join(cell.rjust(width) for cell, width in zip(cells, WIDTHS, strict=True))
 
 
 def _of(people: Sequence[Person], name: str) -> list[Person]:

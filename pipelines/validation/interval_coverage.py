@@ -34,6 +34,7 @@ import numpy as np
 import xarray as xr
 from scipy.stats import chi2
 
+from mcstudy import text_tables
 from mcstudy.effect_library.library import apply
 from mcstudy.errors import InputError
 from mcstudy.files.durable import replacing
@@ -155,21 +156,20 @@ def table(data: xr.Dataset) -> str:
     held, n = parts[0], data.sizes["realization"]
     lines = [f"{n} realizations of each of {data.sizes['truth']} bodies", ""]
     columns = list(product(data.amplitude.values, data.cycles.values, data.fmax.values))
-    heads = (f"{f'{a:g} N m, {c} cycles, {f:g} Hz':>28}" for a, c, f in columns)
-    lines.append("".join([f"{'quantity':14}", *heads]))
+    rows = []
     for name in [*data.quantity.values, "mean"]:
-        row = f"{name:14}"
+        row = [str(name)]
         for a, c, f in columns:
             cell = [x.sel(amplitude=a, cycles=c, fmax=f) for x in parts]
             if name != "mean":
                 cell = [x.sel(quantity=name) for x in cell]
             first, *others = (100 * float(x.mean()) for x in cell)
-            row += f"{first:.1f} ({'; '.join(f'{x:.0f}' for x in others)})".rjust(28)
-        lines.append(row)
+            row.append(f"{first:.1f} ({'; '.join(f'{x:.0f}' for x in others)})")
+        rows.append(row)
     if "rise" in data:
         rises = [data.rise.sel(amplitude=a, cycles=c, fmax=f) for a, c, f in columns]
-        plain = [100 * float((x <= chi2.ppf(LEVEL, 1)).mean()) for x in rises]
-        lines.append(f"{'uncorrected':14}" + "".join(f"{x:.1f}".rjust(28) for x in plain))
+        rows.append(["uncorrected", *(f"{100 * float((x <= chi2.ppf(LEVEL, 1)).mean()):.1f}" for x in rises)])
+    lines.append(text_tables.table(["quantity", *(f"{a:g} N m, {c} cycles, {f:g} Hz" for a, c, f in columns)], rows))
     by_body = held.mean("realization") * 100
     low, high = by_body.min(("truth",)), by_body.max(("truth",))
     lines += ["", f"by body: {float(low.min()):.1f} to {float(high.max()):.1f} %"]

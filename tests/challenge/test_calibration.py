@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
 from mcstudy_challenge.scores.calibration import calibration, spiegelhalter
-from mcstudy_challenge.scores.reliability import reliability_svg
+from mcstudy_challenge.scores.reliability import reliability_picture
 from scipy import stats
 
 K = np.arange(300)
@@ -81,8 +80,14 @@ def test_statements_that_are_no_probabilities_are_refused(stated: list[float], r
 
 
 def test_the_figure_has_a_dot_an_interval_and_a_bar_for_every_bin() -> None:
-    one = {"statement": "a < b", **calibration(STATED, RIGHT).to_dict()}
-    svg = reliability_svg({"challenge": "tiny & small", "cases": 300, "calibration": [one, one, one, one]})
-    elements = [e.tag.rpartition("}")[2] for e in ET.fromstring(svg).iter()]
-    assert elements.count("circle") == 3 * 10
-    assert elements.count("rect") == 1 + 3 * 10
+    found = calibration(STATED, RIGHT)
+    one, wilson = {"statement": "a < b", **found.to_dict()}, [(b.right.low, b.right.high) for b in found.bins]
+    shown = reliability_picture({"challenge": "tiny & small", "cases": 300, "calibration": [one, one, one, one]})
+    assert len(shown.axes) == 3  # of the statements about all cases
+    for ax in shown.axes:
+        bars, intervals = ax.containers
+        dots, _, (lines,) = intervals.lines
+        np.testing.assert_allclose(dots.get_xydata(), 100 * np.transpose([SKLEARN_STATED, SKLEARN_RIGHT]), atol=0.006)
+        np.testing.assert_allclose([s[:, 1] for s in lines.get_segments()], 100 * np.array(wilson), atol=0.006)
+        heights = np.array([bar.get_height() for bar in bars])
+        np.testing.assert_allclose(heights / heights.sum(), np.array([b.right.n for b in found.bins]) / 300)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -242,7 +243,7 @@ def test_verify_passes_a_sound_cube_and_names_damage(cube: Path) -> None:
 def test_plan_tells_cost_and_precision(study: Path) -> None:
     out = told("plan", study)
     assert "total: 8 fits" in out
-    assert "amplitude 5, fmax 1.2 Hz:" in out
+    assert re.search(r"^noisy +5 +1\.2 +[\d.]+ +[\d.]+ \(\w+\)$", out, re.MULTILINE)
 
 
 @pytest.fixture

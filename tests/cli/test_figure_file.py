@@ -25,7 +25,7 @@ def test_a_figure_that_cannot_be_written_is_refused_first(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").touch()
     for name, expected in (
-        ("picture.txt", "mcstudy: picture.txt: expected a name ending in .svg"),
+        ("picture.txt", "mcstudy: picture.txt: expected a name ending in .svg, .png, .pdf"),
         ("file/picture.svg", f"mcstudy: file/picture.svg: cannot be written: {tmp_path / 'file'} is not a folder"),
     ):
         assert main([*VERBS[verb], name]) == Exit.BAD_INPUT

@@ -6,6 +6,7 @@ import errno
 import os
 import resource
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -15,11 +16,19 @@ from mcstudy.files.json_files import write_text
 from mcstudy.files.output import write_file
 from mcstudy.report.document import write_page
 
+
+class Picture:
+    """A large figure."""
+
+    def savefig(self, file: IO[bytes], **_: object) -> None:
+        file.write(b"new" * 100_000)
+
+
 WRITERS = {
     "file": lambda path: write_file(path, lambda: b"new" * 100_000),
     "text": lambda path: write_text(path, "new" * 100_000),
     "page": lambda path: write_page(path, lambda: "new" * 100_000),
-    "figure": lambda path: write_figure("<svg/>" * 100_000, path),
+    "figure": lambda path: write_figure(Picture(), path),
 }
 
 

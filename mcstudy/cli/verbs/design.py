@@ -27,18 +27,18 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--no-verify", action="store_true", help="only predict: leave out the Monte Carlo study of design and sequence"
     )
-    add_figure_argument(parser, "spectra and errors before and after", endings=".svg, .png or .pdf")
+    add_figure_argument(parser, "spectra and errors before and after")
     add_page_argument(parser)
     add_scheduler_arguments(parser)
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Design, verify and print the tables; returns the exit code."""
-    from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
+    from mcstudy.cli.figure_file import check_figure, write_figure
     from mcstudy.errors import DesignError
     from mcstudy.stimulus_design.design_file import read_design
 
-    check_figure(args.figure, DRAWN, args.html)
+    check_figure(args.figure, args.html)
     file, options = read_design(args.file), cluster_options(args)
     from mcstudy.results.stimulus_design import StimulusDesign
     from mcstudy.stimulus_design.run import design_stimulus  # Dask is slow to import; report a bad file first

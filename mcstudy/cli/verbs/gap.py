@@ -94,7 +94,7 @@ def _compare_arguments(compare: Parser) -> None:
     )
     pairing.add_argument("--unpaired", dest="paired", action="store_false", help="treat all people as independent")
     compare.add_argument("--permutations", type=int, default=999, metavar="N", help="relabellings of the tests (999)")
-    add_figure_argument(compare, "both groups", endings=".svg, .png or .pdf")
+    add_figure_argument(compare, "both groups")
     compare.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
     compare.add_argument("--fmax", type=float, metavar="HZ", help="highest frequency of recordings (default 8)")
     compare.add_argument(
@@ -128,7 +128,7 @@ def _next_arguments(parser: Parser) -> None:
         "--trials", action="append", type=int, default=[], metavar="N", help="number of trials (default 1 and 2)"
     )
     parser.add_argument("--cycles", type=int, default=6, metavar="N", help="periods of a trial (default 6)")
-    add_figure_argument(parser, "which effects look alike before and after it", endings=".svg, .png or .pdf")
+    add_figure_argument(parser, "which effects look alike before and after it")
     add_page_argument(parser, "also write a self-contained page with this figure")
     parser.set_defaults(run=_next)
 
@@ -195,7 +195,7 @@ def _page(args: argparse.Namespace, diagnosis: DiagnosisRecord, output: Path, pl
 
 
 def _next(args: argparse.Namespace) -> Exit:
-    from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
+    from mcstudy.cli.figure_file import check_figure, write_figure
     from mcstudy.errors import InputError
     from mcstudy.gap.settings import CAUSE_ONLY
     from mcstudy.gap.trial_planning.choice import TRIALS, require_possible
@@ -212,7 +212,7 @@ def _next(args: argparse.Namespace) -> Exit:
             raise InputError(f"--amplitude: expected KIND=PEAK, e.g. hip_torque=2, got {given!r}") from None
     trials = args.trials or TRIALS
     require_possible(args.kind, amplitudes, trials=trials, cycles=args.cycles)
-    check_figure(args.figure, DRAWN, args.html)
+    check_figure(args.figure, args.html)
     with activity(f"{args.recordings[0]}: diagnosing"):
         d = _diagnosed(args, _settings(args, fast=True, asked=CAUSE_ONLY))
         doing(f"{args.recordings[0]}: simulating possible next trials")
@@ -252,11 +252,11 @@ def _report(args: argparse.Namespace) -> Exit:
 
 def _compare(args: argparse.Namespace) -> Exit:
     from mcstudy.api.compare import compare
-    from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
+    from mcstudy.cli.figure_file import check_figure, write_figure
     from mcstudy.cli.groups import groups_of
     from mcstudy.scheduler.activity import activity
 
-    check_figure(args.figure, DRAWN)
+    check_figure(args.figure)
     with activity(f"{args.group[0]}: comparing"):
         (a, name_a), (b, name_b) = groups_of(args)
         found = compare(

@@ -25,13 +25,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Print; returns the exit code."""
-    from mcstudy.cli.figure_file import check_figure, write_figure
+    from mcstudy.cli.figure_file import check_name
     from mcstudy.errors import DesignError
+    from mcstudy.files.json_files import write_text
     from mcstudy.models.catalogue import describe, names, read_model, written
     from mcstudy.report.study.diagram import sketch, standalone
     from mcstudy.text_tables import counted, table
 
-    check_figure(args.diagram)
+    check_name(args.diagram, (".svg",))
     if args.name is None:
         if args.check or args.diagram:
             raise DesignError("models: expected the name of a model or a file to check or to draw, got none")
@@ -41,7 +42,7 @@ def main(args: argparse.Namespace) -> Exit:
         return Exit.DONE
     model = read_model(args.name)
     if args.diagram:
-        write_figure(standalone(model.model()), args.diagram)
+        write_text(args.diagram, standalone(model.model()))
     if not args.check:
         if not args.diagram:
             print(written(model), end="")

@@ -69,16 +69,16 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("--workers", type=positive, help="threads; default one per core")
     add_out_argument(parser, "FILE", "write the study (.toml)")
     add_json_argument(parser)
-    add_figure_argument(parser, "the measures against the design", endings=".svg, .png or .pdf")
+    add_figure_argument(parser, "the measures against the design")
     add_page_argument(parser)
     parser.set_defaults(allow_unstable=False)
 
 
 def main(args: argparse.Namespace) -> Exit:
     """Search, print and write; returns the exit code."""
-    from mcstudy.cli.figure_file import DRAWN, check_figure, write_figure
+    from mcstudy.cli.figure_file import check_figure, write_figure
 
-    check_figure(args.figure, DRAWN, args.html)
+    check_figure(args.figure, args.html)
     study = stable_study(args)
     from mcstudy.planning.solve import solve_study
     from mcstudy.results.solution import Solution

@@ -2,67 +2,53 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mcstudy.report.axes import picture
 from mcstudy.report.style import COLOURS
-from mcstudy.report.svg_document import svg_document
 from mcstudy_challenge.scores.score import LEADING
 from mcstudy_challenge.scores.table import OVERALL
 
-SIDE, LEFT, TOP, GAP, COUNTS = 220.0, 48.0, 56.0, 64.0, 44.0
-AXIS, FOUND, LINE = (COLOURS[name] for name in ("muted", "blue", "orange"))
+COUNTS = 20.0
+"""Height of the largest bar of cases, percent of the vertical axis."""
 
 
-def reliability_svg(score: Mapping[str, Any]) -> str:
-    """Panels of a score (`challenge_score.json`) as an SVG document: dots with Wilson's 95 % interval, bars of cases.
+def reliability_picture(score: Mapping[str, Any]) -> Figure:
+    """The diagrams of a score (`challenge_score.json`), see `reliability`."""
+    legend = "Dots: came true, with 95 % interval. Line: calibrated. Bars: cases."
+    title = f"{score['challenge']}, {score['cases']} cases. {legend}"
+    return picture([partial(reliability, found) for found in score["calibration"][:OVERALL]], title)
+
+
+def reliability(calibration: Mapping[str, Any], ax: Axes) -> None:
+    """How often came true what was stated, by bins, with Wilson's 95 % interval; below, the cases of every bin.
 
     Calibrated probabilities lie on the diagonal, but for chance.
     """
-    shown = score["calibration"][:OVERALL]
-    size = (LEFT + len(shown) * (SIDE + GAP), TOP + SIDE + COUNTS + 52)
-    caption = f"{score['challenge']}, {score['cases']} cases. Dots: came true, with 95 % interval. Line: calibrated."
-    body: list[str] = []
-    for k, one in enumerate(shown):
-        body += _panel(one, LEFT + k * (SIDE + GAP), TOP)
-    return svg_document("Reliability of stated probabilities", caption, size, LEFT, body)
-
-
-def _panel(one: Mapping[str, Any], x: float, y: float) -> list[str]:
-    """Elements of one diagram with its upper left corner at (x, y), and below it the cases of every bin."""
-    name, foot = str(one["statement"]), y + SIDE + COUNTS
-    most = max((b["right"]["n"] for b in one["bins"]), default=1)
-    out = [
-        f'<text x="{x:g}" y="{y - 10:g}">{html.escape(name if name == LEADING else f"that {name}")}</text>',
-        f'<path d="M{x:g} {y:g}V{y + SIDE:g}H{x + SIDE:g}" fill="none" stroke="{AXIS}"/>',
-        f'<path d="M{x:g} {y + SIDE:g}L{x + SIDE:g} {y:g}" stroke="{LINE}"/>',
-    ]
-    for share in (0.0, 0.5, 1.0):
-        place, up = x + share * SIDE, y + (1 - share) * SIDE
-        out += [
-            f'<text x="{x - 6:g}" y="{up + 3:g}" text-anchor="end">{100 * share:g}</text>',
-            f'<text x="{place:g}" y="{foot + 14:g}" text-anchor="middle">{100 * share:g}</text>',
-        ]
-    for b in one["bins"]:
-        right = b["right"]
-        tall = right["n"] / most * (COUNTS - 12)
-        left, across = x + b["low"] * SIDE, x + b["stated"] * SIDE
-        ends = [y + (1 - right[end]) * SIDE for end in ("low", "high")]
-        told = f"{100 * b['stated']:.1f} % stated, {100 * right['value']:.1f} % came true, {right['n']} cases"
-        out += [
-            f'<rect x="{left + 1:.1f}" y="{foot - tall:.1f}" width="{(b["high"] - b["low"]) * SIDE - 2:.1f}" '
-            f'height="{tall:.1f}" fill="{AXIS}" fill-opacity="0.4"><title>{right["n"]} cases</title></rect>',
-            f'<path d="M{across:.1f} {ends[0]:.1f}V{ends[1]:.1f}" stroke="{FOUND}" stroke-width="1.4"/>',
-            f'<circle cx="{across:.1f}" cy="{y + (1 - right["value"]) * SIDE:.1f}" r="3" fill="{FOUND}">'
-            f"<title>{html.escape(told)}</title></circle>",
-        ]
-    out.append(f'<text x="{x + SIDE / 2:g}" y="{foot + 30:g}" text-anchor="middle">stated probability (%)</text>')
-    if one["error"] is not None:
-        chance = f"calibration error {100 * one['error']:.1f} %, calibrated {100 * one['by_chance']:.1f} %"
-        out.append(f'<text x="{x + SIDE:g}" y="{foot + 44:g}" text-anchor="end">{chance}</text>')
-    out.append(
-        f'<text x="{x - 30:g}" y="{y + SIDE / 2:g}" text-anchor="middle" '
-        f'transform="rotate(-90 {x - 30:g} {y + SIDE / 2:g})">came true (%)</text>'
-    )
-    return out
+    name, bins = str(calibration["statement"]), calibration["bins"]
+    ax.plot([0, 100], [0, 100], color=COLOURS["orange"])
+    ax.axhline(0, color=COLOURS["muted"], linewidth=0.8)
+    if bins:
+        columns = ([b["low"], b["high"], b["stated"], *(b["right"][k] for k in ("value", "low", "high"))] for b in bins)
+        left, right, stated, value, low, high = 100 * np.array(list(columns)).T
+        cases = np.array([b["right"]["n"] for b in bins])
+        height = COUNTS * cases / cases.max()
+        ax.bar(left, height, right - left, -COUNTS - 5, align="edge", color=COLOURS["grid"], edgecolor=COLOURS["panel"])
+        ax.errorbar(stated, value, np.maximum([value - low, high - value], 0), fmt="o", color=COLOURS["blue"])
+    ax.set_xticks([0, 50, 100])
+    ax.set_yticks([0, 50, 100])
+    ax.set_xlim(0, 100)
+    ax.set_ylim(-COUNTS - 5, 104)
+    chance = ""
+    if calibration["error"] is not None:
+        error, expected = (100 * calibration[k] for k in ("error", "by_chance"))
+        chance = f"\ncalibration error {error:.1f} %, calibrated {expected:.1f} %"
+    ax.set_title(name if name == LEADING else f"that {name}")
+    ax.set_xlabel(f"stated probability (%){chance}")
+    ax.set_ylabel("came true (%)")

@@ -2,81 +2,45 @@
 
 from __future__ import annotations
 
-import html
-import math
+from functools import partial
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from mcstudy.report.style import COLOURS
-from mcstudy.report.svg_document import svg_document
+from mcstudy.report.axes import picture
+from mcstudy.report.style import COLOURS, DASHES
 from mcstudy_goodworth2018.lost_table.unknowns import UNKNOWNS, Unknown
 
-COLUMNS, WIDTH, HEIGHT, GAP = 4, 190.0, 96.0, 34.0
+COLUMNS, SIZE = 4, (2.4, 1.6)
 BINS = 16
-TOP = 34.0
-PRIOR, POSTERIOR, MARK, AXIS = (COLOURS[name] for name in ("grid", "blue", "orange", "muted"))
 
 
-def marginals_svg(result: xr.Dataset) -> str:
-    """One panel per unknown as an SVG document: prior flat and grey, posterior as bars, best and stand-in as lines."""
-    rows = math.ceil(len(UNKNOWNS) / COLUMNS)
-    width, height = COLUMNS * (WIDTH + 20) + 20, TOP + rows * (HEIGHT + GAP) + 6
-    status = str(result.attrs["status"])
-    caption = f"Bars: posterior. Grey: prior. Solid line: best configuration. Dashed: stand-in. {status.capitalize()}."
-    body: list[str] = []
-    for k, unknown in enumerate(UNKNOWNS):
-        x, y = 20 + (k % COLUMNS) * (WIDTH + 20), TOP + (k // COLUMNS) * (HEIGHT + GAP)
-        body += _panel(unknown, result.sel(unknown=unknown.name), x, y)
-    return svg_document(f"Posterior of the lost true values: {status}", caption, (width, height), 20, body)
+def marginals_picture(result: xr.Dataset) -> Figure:
+    """One panel per unknown, see `marginal`."""
+    status = str(result.attrs["status"]).capitalize()
+    title = f"Bars: posterior. Grey: prior. Solid line: best configuration. Dashed: stand-in. {status}."
+    drawings = [partial(marginal, result.sel(unknown=unknown.name), unknown) for unknown in UNKNOWNS]
+    return picture(drawings, title, COLUMNS, SIZE)
 
 
-def _panel(unknown: Unknown, one: xr.Dataset, x: float, y: float) -> list[str]:
-    """Elements of one panel with its upper left corner at (x, y)."""
-    values = one["posterior"].values
+def marginal(result: xr.Dataset, unknown: Unknown, ax: Axes) -> None:
+    """Prior (flat on the axis) and posterior of one unknown as bars; best configuration and stand-in as lines."""
     if unknown.choices:
-        bins = len(unknown.choices)
-        share = np.bincount(values.astype(int), minlength=bins) / values.size
-        ends, marks = unknown.choices, [(float(one[n]) + 0.5) / bins for n in ("best", "stand_in")]
+        edges = np.arange(len(unknown.choices) + 1) - 0.5
+        ax.set_xticks(range(len(unknown.choices)), unknown.choices)
     else:
-        bins = BINS
-        low, high = unknown.low, unknown.high
-
-        def at(v: np.ndarray) -> np.ndarray:
-            return np.asarray(np.log(v / low) / np.log(high / low))
-
-        share = np.histogram(np.clip(at(values), 0, 1), bins=bins, range=(0, 1))[0] / values.size
-        ends = (f"{low:g}", f"{high:g}")
-        marks = [float(at(np.asarray(float(one[n])))) for n in ("best", "stand_in")]
-    scale = HEIGHT / max(float(share.max()), 1.0 / bins)
-    flat = scale / bins
-    unit = f" ({unknown.unit})" if unknown.unit not in ("", "1") else ""
-    out = [
-        f'<text x="{x:g}" y="{y - 3:g}">{html.escape(unknown.name + unit)}</text>',
-        f'<rect x="{x:g}" y="{y + HEIGHT - flat:.1f}" width="{WIDTH:g}" height="{flat:.1f}" fill="{PRIOR}"/>',
-    ]
-    step = WIDTH / bins
-    for i, s in enumerate(share):
-        if s > 0:
-            out.append(
-                f'<rect x="{x + i * step + 1:.1f}" y="{y + HEIGHT - s * scale:.1f}" width="{step - 2:.1f}" '
-                f'height="{s * scale:.1f}" fill="{POSTERIOR}" fill-opacity="0.75"/>'
-            )
-    for place, dash in zip(marks, ("", ' stroke-dasharray="4 3"'), strict=True):
-        at_x = x + np.clip(place, 0, 1) * WIDTH
-        out.append(
-            f'<line x1="{at_x:.1f}" x2="{at_x:.1f}" y1="{y:g}" y2="{y + HEIGHT:g}" '
-            f'stroke="{MARK}" stroke-width="1.4"{dash}/>'
-        )
-    out.append(f'<line x1="{x:g}" x2="{x + WIDTH:g}" y1="{y + HEIGHT:g}" y2="{y + HEIGHT:g}" stroke="{AXIS}"/>')
-    if unknown.choices:
-        out += [
-            f'<text x="{x + (i + 0.5) * step:.1f}" y="{y + HEIGHT + 12:g}" text-anchor="middle">{html.escape(c)}</text>'
-            for i, c in enumerate(ends)
-        ]
-    else:
-        out += [
-            f'<text x="{x:g}" y="{y + HEIGHT + 12:g}">{ends[0]}</text>',
-            f'<text x="{x + WIDTH:g}" y="{y + HEIGHT + 12:g}" text-anchor="end">{ends[1]}</text>',
-        ]
-    return out
+        edges = np.geomspace(unknown.low, unknown.high, BINS + 1)
+        ax.set_xscale("log")
+        ax.set_xticks([unknown.low, unknown.high], [f"{unknown.low:g}", f"{unknown.high:g}"])
+        ax.set_xticks([], minor=True)
+    values = np.clip(result["posterior"].values, edges[0], edges[-1])
+    share = np.histogram(values, edges)[0] / values.size
+    ax.stairs(np.full(share.size, 1 / share.size), edges, fill=True, color=COLOURS["grid"])
+    ax.stairs(share, edges, fill=True, color=COLOURS["blue"], alpha=0.75)
+    for name, dash in zip(("best", "stand_in"), DASHES, strict=False):
+        ax.axvline(np.clip(float(result[name]), edges[0], edges[-1]), color=COLOURS["orange"], linestyle=dash)
+    ax.set_xlim(edges[0], edges[-1])
+    ax.set_yticks([])
+    ax.set_title(unknown.name + (f" ({unknown.unit})" if unknown.unit not in ("", "1") else ""))

@@ -6,7 +6,6 @@ test that calls ``main`` would set them, and cubes made before and after it woul
 
 from __future__ import annotations
 
-import gc
 import os
 import shutil
 import signal
@@ -31,12 +30,6 @@ if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > ENOUGH:
 # A shell that starts the tests in the background has them ignore Ctrl-C, and so would every process they start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def pytest_collection_finish() -> None:
-    """Search for garbage seldom, as the command line does, and not among what imports and collection made."""
-    gc.freeze()
-    gc.set_threshold(50_000, 20, 20)
 
 
 @pytest.hookimpl(tryfirst=True)

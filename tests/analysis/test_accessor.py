@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import dask
@@ -74,16 +73,6 @@ def test_a_result_of_moderate_size_is_numbers(make_cube: Cube, method: str, monk
     assert method == "efficiency" or "dask" in repr(large)
 
 
-@pytest.fixture
-def garbage_at_once() -> Iterator[None]:
-    """What is no longer used is found as in a program of the user's."""
-    seldom = gc.get_threshold()
-    gc.set_threshold(700, 10, 10)
-    yield
-    gc.set_threshold(*seldom)
-
-
-@pytest.mark.usefixtures("garbage_at_once")
 def test_statistics_of_a_large_cube_hold_a_few_chunks_in_memory(make_cube: Cube) -> None:
     cube = make_cube(realizations=80, starts=1000, fmax=(1.2, 8.0), amplitude=(3.0,))
     size = cube["estimate"].nbytes
@@ -106,7 +95,6 @@ def test_statistics_of_a_large_cube_hold_a_few_chunks_in_memory(make_cube: Cube)
         assert peak < size / 2, name  # about 40 chunks of graph and bookkeeping, and a few of data
 
 
-@pytest.mark.usefixtures("garbage_at_once")
 def test_best_fits_of_a_large_cube_are_taken_a_few_chunks_at_a_time(make_cube: Cube) -> None:
     lazy = on_disk(make_cube(realizations=20, starts=8000, fmax=(1.2,), amplitude=(3.0,)))
     size = lazy["estimate"].nbytes

@@ -126,12 +126,8 @@ def plant(order: int) -> Model:
     )
 
 
-def test_a_plant_without_inertia_is_refused_in_one_line() -> None:
-    message = "model circuit: .* expected an inertia in every row"
-    with pytest.raises(ModelError, match=message):
-        growth_rate(plant(1), plant(1).truth)
-    with pytest.raises(ModelError, match=message):
-        mc.fit(mc.simulate(seed=1, cycles=3), model=plant(1), fmax=1.2)
+def test_a_plant_of_first_order_has_its_pole_and_one_without_damping_oscillates() -> None:
+    assert growth_rate(plant(1), plant(1).truth) == pytest.approx(-1.0, abs=1e-12)
     assert growth_rate(plant(2), plant(2).truth) == pytest.approx(0.0, abs=1e-9)
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import mcstudy as mc
-import mcstudy.analysis.accessor
+import mcstudy.analysis.accessor  # noqa: F401
 from mcstudy.analysis import accuracy, selection
 from mcstudy.analysis.results import open_results
 from mcstudy.errors import DesignError, ModelError

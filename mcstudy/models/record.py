@@ -237,17 +237,19 @@ class ModelTable(Short):
             polynomial = pieces(table.value, known)
         except ModelError as error:
             raise DesignError(f"{where}.value: {error}") from None
-        terms = []
+        terms, summed = [], ", ".join([*signals, *stimuli])
         for coefficient, order, powers in polynomial:
             for name, _ in powers:
                 _known(name, [*signals, *stimuli, *known], f"{where}.value")
             if len(powers) != 1 or powers[0][1] != 1:
                 raise DesignError(
-                    f"{where}.value: expected a sum of {', '.join([*signals, *stimuli])}, each times constants and powers "
-                    f"of s, got {table.value!r}"
+                    f"{where}.value: expected a sum of {summed}, each times constants and powers of s, got "
+                    f"{table.value!r}"
                 )
             ((name, _),) = powers
             terms.append(OutputTerm(signals.get(name, "stimulus"), coefficient, order, stimuli.get(name, 0)))
+        if not any(t.coefficient for t in terms):
+            raise DesignError(f"{where}.value: expected a sum of {summed}, got nothing: {table.value!r}")
         return Output(table.name, tuple(terms), self.unit if table.unit is None else table.unit)
 
     def _filter(self, table: FilterTable, known: Mapping[str, float], names: set[str]) -> Filter:
@@ -435,7 +437,7 @@ def _check_names(table: ModelTable) -> None:
         for name in names:
             if name in taken:
                 raise DesignError(f"{what}.{name}: expected a name of its own, got one that is {taken[name]}, too")
-            taken[name] = f"a {what}"
+            taken[name] = f"{'an' if what[0] in 'aeiou' else 'a'} {what}"
     for angle in table.angles:
         if table.angles.count(angle) > 1 or (angle in taken and angle not in table.joints):
             raise DesignError(f"angles: expected names of their own, got {angle!r} twice")

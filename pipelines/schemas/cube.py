@@ -17,6 +17,15 @@ STUDY = """
 name = "layout"
 seed = 0
 
+[model]
+joints = ["joint"]
+stimulus = [{ name = "torque" }, { name = "force", unit = "N" }]
+term = [
+  { order = 2 }, { gain = "B", order = 1, noisy = true }, { sense = "torque" }, { sense = "force", coefficient = 0.3 },
+]
+parameter = [{ name = "B", value = 1.0 }]
+output = [{ name = "output", value = "2*joint" }]
+
 [group.all_arrays]
 realizations = 1
 starts = "until certain"
@@ -26,8 +35,8 @@ store.standard_errors = true
 """
 """A study whose group has every array."""
 
-OPTIONAL = ("noise_covariance", "standard_error")
-"""Arrays that some groups lack: without noise, and unless asked for."""
+OPTIONAL = ("noise_covariance", "standard_error", "angle_unit", "stimulus")
+"""Arrays that some groups lack: without noise, unless asked for, without declared outputs, with one stimulus."""
 
 BY_GROUP = {
     "amplitude": {"units": {"type": "string"}, "convention": {"enum": ["peak", "peak_to_peak"]}},

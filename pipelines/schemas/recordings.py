@@ -22,8 +22,8 @@ class Sizes(TypedDict):
     trial: Number
     time: Annotated[int, Field(ge=10)]
     angle: Number
-    """of a standing body theta1 (lower body in space), theta2 (hip), in this order; of a declared model its outputs, which
-    the coordinate `angle` names (in Zarr the attribute `angles`)"""
+    """of a standing body theta1 (lower body in space), theta2 (hip), in this order; of a declared model its outputs,
+    which the coordinate `angle` names (in Zarr the attribute `angles`)"""
 
 
 @open_ended
@@ -95,8 +95,8 @@ class Attrs(TypedDict):
     model: NotRequired[Annotated[str, Field(json_schema_extra={"contentMediaType": "application/json"})]]
     """JSON text: the declared model whose outputs were measured, as `model`; absent for a standing body"""
     body: NotRequired[Annotated[str, Field(json_schema_extra={"contentMediaType": "application/json"})]]
-    """of a standing body; JSON text: J1, J2, C1, C2 in kg m^2, A1, A2 in kg m, g in m/s^2 (linearised two-segment body; the ankle row is
-    the whole-body balance)"""
+    """of a standing body; JSON text: J1, J2, C1, C2 in kg m^2, A1, A2 in kg m, g in m/s^2 (linearised two-segment body;
+    the ankle row is the whole-body balance)"""
 
 
 @open_ended

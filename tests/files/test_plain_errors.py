@@ -56,7 +56,10 @@ def test_a_mistake_is_told_in_plain_words(model: Any, change: dict[str, Any], me
         ("period = 3", "period: unknown key, expected one of stimulus, name, provenance, "),
         ("[[trials]]\nfil = 'a'", "trials.0.fil: unknown key, expected one of file, amplitude, "),
         ("[[trials]]\ntheta1 = 3.5", "trials.0.theta1: expected a table, got 3.5"),
-        ("[[trials]]\ntheta1 = {column = []}", "trials.0.theta1.column: expected a whole number or a string, got []"),
+        (
+            "[[trials]]\nstimulus = {column = []}",
+            "trials.0.stimulus.column: expected a whole number or a string, got []",
+        ),
         ("rate_hz = 'fast'", "rate_hz: expected a number, got 'fast'"),
         ("rate_hz = 0", "rate_hz: expected greater than 0, got 0"),
         ("convention = 'rms'", "convention: expected 'peak' or 'peak_to_peak', got 'rms'"),

@@ -117,7 +117,7 @@ def _check_stimulus(group: Group) -> None:
             f"stimulus.cycles: expected a record of at most {MAX_SAMPLES} samples, "
             f"got {s.cycles} cycles of {prts.samples}"
         )
-    if highest * prts.period_s / 2 > MAX_FREQUENCIES:
+    if not s.lines.harmonic and highest * prts.period_s / 2 > MAX_FREQUENCIES:
         raise DesignError(
             f"stimulus.state_s: expected at most {MAX_FREQUENCIES} odd lines up to {highest:g} Hz, "
             f"got a cycle of {prts.period_s:g} s"

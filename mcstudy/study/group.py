@@ -46,7 +46,7 @@ MULTIPLE = Range(1e-6, 1e6, or_zero=True, signed=True)
 BODY = Range(1e-9, 1e6, or_zero=True, signed=True)
 """Range of body constants, kg m^2, kg m and m/s^2; human values reach about 1e2."""
 
-FREQUENCY = Range(1e-4, 1e4, "Hz")
+FREQUENCY = Range(1e-4, 1e6, "Hz")
 
 HIGHEST_HZ = 8.0
 """Highest frequency point for every Fmax, so that points and data do not depend on the fits."""

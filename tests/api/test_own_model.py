@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import mcstudy as mc
-import mcstudy.analysis.accessor
 from mcstudy.analysis import accuracy, selection
 from mcstudy.analysis.results import open_results
 from mcstudy.errors import DesignError, ModelError
@@ -18,7 +16,6 @@ from mcstudy.own_model import run_model
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.feedback import Model, Parameter, Term
 from mcstudy.stance.response import frf
-from mcstudy.stance.stability import growth_rate
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study
 
@@ -65,7 +62,7 @@ def sway() -> xr.Dataset:
     terms = tuple(
         replace(t, gain=tuple(f"own_{g}" for g in t.gain), delay=t.delay and f"own_{t.delay}") for t in own.terms
     )
-    model = replace(own, name="own", parameters=renamed, terms=terms)
+    model = replace(own, name="own", parameters=renamed, terms=terms, derived=())
     return run_model(model, realizations=4, starts=5, fmax=(1.2, 8.0), amplitude=(3.0, 5.0))
 
 
@@ -124,15 +121,6 @@ def plant(order: int) -> Model:
             Term("node", "stimulus"),
         ),
     )
-
-
-def test_a_plant_without_inertia_is_refused_in_one_line() -> None:
-    message = "model circuit: .* expected an inertia in every row"
-    with pytest.raises(ModelError, match=message):
-        growth_rate(plant(1), plant(1).truth)
-    with pytest.raises(ModelError, match=message):
-        mc.fit(mc.simulate(seed=1, cycles=3), model=plant(1), fmax=1.2)
-    assert growth_rate(plant(2), plant(2).truth) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -181,7 +181,7 @@ def _noise(declared: Model | None, size: float) -> SensorNoise:
     if declared is not None:
         # A noise takes deg^2/Hz; in another unit than rad it has the paper's number in that unit.
         psd = (psd[0] / (1.0 if declared.unit == "rad" else DEG2_TO_RAD2),) * declared.n_rows
-    return SensorNoise(tuple(p * size**2 for p in psd))  # type: ignore[arg-type]
+    return SensorNoise(tuple(p * size**2 for p in psd))
 
 
 def _measurement(columns: Columns, sd: float | Sequence[float]) -> tuple[float, ...]:

@@ -16,6 +16,7 @@ from mcstudy.own_model import run_model
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.feedback import Model, Parameter, Term
 from mcstudy.stance.response import frf
+from mcstudy.stance.stability import growth_rate
 from mcstudy.study.run import run_study
 from mcstudy.study.study_file import parse_study
 
@@ -121,6 +122,11 @@ def plant(order: int) -> Model:
             Term("node", "stimulus"),
         ),
     )
+
+
+def test_a_plant_without_inertia_is_a_plant() -> None:
+    assert growth_rate(plant(1), plant(1).truth) == pytest.approx(-1.0)
+    assert growth_rate(plant(2), plant(2).truth) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(

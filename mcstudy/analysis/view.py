@@ -50,12 +50,12 @@ class GroupView:
     def cells(self) -> xr.Dataset:
         """Best start of every cell."""
 
-        def of(cube: xr.Dataset) -> xr.Dataset:
+        def best_needed(cube: xr.Dataset) -> xr.Dataset:
             cells = best(cube)
             return cells[[n for n in _NEEDED if n in cells]]
 
         read = self.cube[[n for n in _NEEDED if n in self.cube]]
-        return in_slabs(read, of).assign_coords(frequency=self.cube["frequency"])
+        return in_slabs(read, best_needed).assign_coords(frequency=self.cube["frequency"])
 
     @cached_property
     def combined(self) -> xr.Dataset | None:
@@ -113,10 +113,7 @@ class GroupView:
     def counts(self) -> xr.Dataset:
         """Numbers of fits (``fits``, see `mcstudy.analysis.selection.outcomes`) and of `realizations` by outcome."""
 
-        def of(cube: xr.Dataset) -> xr.Dataset:
-            return realizations(cube).assign(fits=outcomes(cube))
-
-        return summed(self.cube[["cost", "status"]], of)
+        return summed(self.cube[["cost", "status"]], lambda cube: realizations(cube).assign(fits=outcomes(cube)))
 
     @cached_property
     def needed(self) -> xr.Dataset:

@@ -68,8 +68,8 @@ def within(rows: list[dict[str, Any]]) -> str:
 def comparison_title(data: dict[str, Any]) -> str:
     """Title of the comparison; it says so if a study's own true values make another body."""
     name = cited(data["paper"]["reference"]).name
-    own = any(another_body(group["truth_provenance"]) for group in data["groups"].values())
-    return f"Another body compared with that of {name}" if own else f"Comparison with {name}"
+    changed = any(another_body(group["truth_provenance"]) for group in data["groups"].values())
+    return f"Another body compared with that of {name}" if changed else f"Comparison with {name}"
 
 
 def _paper(data: dict[str, Any]) -> str:
@@ -325,11 +325,11 @@ _FIXED = "\nefficiency 'fixed': the bounds determine the parameter; within them,
 
 def _efficiency(parameter: dict[str, Any]) -> str:
     """Efficiency with error; ``fixed``: the bounds determine the parameter, so it has none; `_BOX`: see there."""
-    found = parameter.get("efficiency")
-    if found is None:
+    efficiency = parameter.get("efficiency")
+    if efficiency is None:
         return "-"
-    if found["held"]:
+    if efficiency["held"]:
         return "fixed"
-    if found["value"] is not None or found["box"] is None:
-        return with_error(found["value"], found["mcse"])
-    return with_error(found["box"], found["box_mcse"]) + _BOX
+    if efficiency["value"] is not None or efficiency["box"] is None:
+        return with_error(efficiency["value"], efficiency["mcse"])
+    return with_error(efficiency["box"], efficiency["box_mcse"]) + _BOX

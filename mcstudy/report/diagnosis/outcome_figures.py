@@ -79,16 +79,16 @@ def _against_null(ax: Axes, null: np.ndarray, observed: float, text: str) -> Axe
 
 def effect_sizes(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """Sizes of the leading cause and of those in the 95 % set, with 95 % intervals, in standard errors."""
-    found = [
+    sizes = [
         (f"{s.name}\n{effects_of(c)}", s)
         for c in shown_causes(diagnosis)
         for s in c.sizes
         if s.se > 0 and s.name not in shape_parameters()
     ][:MOST_CAUSES]
-    if not found:
+    if not sizes:
         raise InputError(f"{diagnosis.name}: no cause leads or is in the 95 % set, so there is no size to show")
     ax = axes(ax)
-    at, low, high = np.array([(s.estimate / s.se, s.low / s.se, s.high / s.se) for _, s in found]).T
+    at, low, high = np.array([(s.estimate / s.se, s.low / s.se, s.high / s.se) for _, s in sizes]).T
     ax.errorbar(at, np.arange(at.size), xerr=[at - low, high - at], fmt="o", color=AFTER, capsize=4, elinewidth=1.4)
     for y, x in enumerate(at):
         away = -1 if x < 0 else 1  # a label on the other side would touch the line at zero
@@ -99,8 +99,8 @@ def effect_sizes(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     labels = at + np.where(at < 0, -LABEL, LABEL) * span
     ax.set_xlim(min(least - MARGIN * span, labels.min()), max(most + MARGIN * span, labels.max()))
     ax.axvline(0, color=MEASURED, linewidth=1.0, linestyle=DASHES[1], label="no effect")
-    ax.set_ylim(len(found) - 0.4, -0.6)
-    ax.set_yticks(range(len(found)), ["\n".join(_wrapped(part) for part in name.split("\n")) for name, _ in found])
+    ax.set_ylim(len(sizes) - 0.4, -0.6)
+    ax.set_yticks(range(len(sizes)), ["\n".join(_wrapped(part) for part in name.split("\n")) for name, _ in sizes])
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("size / its standard error")
     ax.set_title("sizes of the causes")

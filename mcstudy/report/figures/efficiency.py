@@ -73,5 +73,5 @@ def _dots(ax: Axes, here: xr.Dataset, y: np.ndarray, colour: str, marker: str, f
     below = np.minimum(error, 0.8 * np.where(np.isfinite(value), value, 0.0))  # a log axis has no zero
     bars = [below[shown], np.minimum(error[shown], SHOWN[1] - value[shown])]
     ax.errorbar(value[shown], y[shown], xerr=bars, fmt=marker, color=colour, markerfacecolor=face, elinewidth=1.0)
-    for which, place, arrow in ((value > SHOWN[1], SHOWN[1], ">"), (value < SHOWN[0], SHOWN[0], "<")):
-        ax.plot(np.full(int(which.sum()), place), y[which], arrow, color=colour, markerfacecolor=face)
+    for outside, place, arrow in ((value > SHOWN[1], SHOWN[1], ">"), (value < SHOWN[0], SHOWN[0], "<")):
+        ax.plot(np.full(int(outside.sum()), place), y[outside], arrow, color=colour, markerfacecolor=face)

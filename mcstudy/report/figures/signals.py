@@ -133,10 +133,10 @@ class Signals:
         lines = np.arange(1, int(8.0 * self.periodic.period_s) + 1, 2)
         lines = lines[self.periodic.coefficients()[lines] != 0]
         f = lines / self.periodic.period_s
-        found = periods.raw(self.simulated_sway, self.periodic.samples, discard)[lines]
+        simulated = periods.raw(self.simulated_sway, self.periodic.samples, discard)[lines]
         exact = frf(model, model.truth, f) * self.periodic.coefficients()[lines, None]
         n = model.n_angles
-        return f, np.abs(found[:, :n] - exact[:, :n]) / np.abs(exact[:, :n])
+        return f, np.abs(simulated[:, :n] - exact[:, :n]) / np.abs(exact[:, :n])
 
     def sampling_error(self, f: np.ndarray) -> np.ndarray:
         """The part of `frf_error` that sampling explains, (N,): the simulated stimulus is linear between samples."""

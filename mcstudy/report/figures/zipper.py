@@ -46,8 +46,8 @@ def zipper(
     shown = intervals(cells["estimate"], cells["truth"], cells[ERROR]).dropna("realization")
     shown = shown.isel(realization=slice(0, MOST_POINTS))
     for holds, colour in ((True, "blue"), (False, "orange")):
-        of = shown.isel(realization=np.flatnonzero(shown["holds"].values == holds))
-        ax.hlines(100 * of["centile"], of["lower"], of["upper"], color=COLOURS[colour], linewidth=0.8)
+        lines = shown.isel(realization=np.flatnonzero(shown["holds"].values == holds))
+        ax.hlines(100 * lines["centile"], lines["lower"], lines["upper"], color=COLOURS[colour], linewidth=0.8)
     ax.axvline(float(cells["truth"]), color=COLOURS["ink"], linewidth=1.0)
     ax.axhline(100 * LEVEL, color=COLOURS["muted"], linewidth=1.0, linestyle=DASHES[1])
     for end in ("lower", "upper"):

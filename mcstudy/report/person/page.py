@@ -82,8 +82,8 @@ def _introduction(fit: FitRecord) -> Markup:
         ),
     ]
     if fit.gap is not None:
-        found = "a gap beyond noise" if words.gap_found(fit) else "no gap beyond noise"
-        entries.append(("Test for a gap", found, f"{words.gap_p(fit)}.", "model"))
+        answer = "a gap beyond noise" if words.gap_found(fit) else "no gap beyond noise"
+        entries.append(("Test for a gap", answer, f"{words.gap_p(fit)}.", "model"))
     if fit.stability is not None:
         state = "over all intervals" if fit.stability.stable else "not over all intervals"
         root = f"rightmost root {number(fit.growth_rate)} 1/s; stable {state}."

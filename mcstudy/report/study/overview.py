@@ -86,7 +86,7 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
         out.append((f"Correlation of {first} and {second}", value_of(r), remark, "pairs"))
     needed = next((c for c in cells if c["fmax"] == f and c.get("starts_needed_median", {}).get("value")), None)
     if needed and view.group.starts > 1:
-        median, many = (needed[f"starts_needed_{which}"] for which in ("median", "90th"))
+        median, many = (needed[f"starts_needed_{quantile}"] for quantile in ("median", "90th"))
         remark = f"median; {with_ends(many)} or more in one of ten realizations; {at}, {f:g} Hz."
         if needed["missed_minimum"]["value"] is not None:
             remark += f" {MISSED[0].upper()}{MISSED[1:]}: {missed_words(needed)} % (mean)."

@@ -244,16 +244,16 @@ def _atlas_table(view: GroupView, amplitude: float, fmax: float) -> Table:
     table = atlas_of(view, amplitude, fmax).isel(cluster=slice(0, MOST_CLUSTERS))
     rows = []
     for c in range(table.sizes["cluster"]):
-        one = table.isel(cluster=c)
-        percent = xr.Dataset({k: 100 * one[k] for k in ("value", "mcse")})
+        cluster = table.isel(cluster=c)
+        percent = xr.Dataset({k: 100 * cluster[k] for k in ("value", "mcse")})
         rows.append(
             [
                 str(c + 1),
                 value_of(percent),
-                str(int(one["realizations"])),
-                str(int(one["lowest"])),
-                short(100 * one["stable"], 2),
-                short(one["excess"]),
+                str(int(cluster["realizations"])),
+                str(int(cluster["lowest"])),
+                short(100 * cluster["stable"], 2),
+                short(cluster["excess"]),
             ]
         )
     header = ["cluster", "starts (% ± MCSE)", "in realizations", "lowest in", "stable (%)", "median cost / lowest"]
@@ -304,10 +304,10 @@ def relative_errors(view: GroupView) -> list[list[str]]:
     first = cells.isel(realization=0)
     rows = []
     for name in view.model.names:
-        truth, found = (float(first[k].sel(parameter=name)) for k in ("truth", "estimate"))
-        error = 100 * abs(found / truth - 1) if truth and np.isfinite(found) else None
+        truth, estimate = (float(first[k].sel(parameter=name)) for k in ("truth", "estimate"))
+        error = 100 * abs(estimate / truth - 1) if truth and np.isfinite(estimate) else None
         rows.append(
-            [name, short(truth, 4), short(found, 4), "-" if finite(error or 0.0) is None else short(error or 0.0, 2)]
+            [name, short(truth, 4), short(estimate, 4), "-" if finite(error or 0.0) is None else short(error or 0.0, 2)]
         )
     return rows
 

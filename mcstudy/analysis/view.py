@@ -112,7 +112,6 @@ class GroupView:
     @cached_property
     def counts(self) -> xr.Dataset:
         """Numbers of fits (``fits``, see `mcstudy.analysis.selection.outcomes`) and of `realizations` by outcome."""
-
         return summed(self.cube[["cost", "status"]], lambda cube: realizations(cube).assign(fits=outcomes(cube)))
 
     @cached_property

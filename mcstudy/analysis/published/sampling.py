@@ -38,7 +38,8 @@ class Value:
     ----------
     value: mean over blocks of the paper's size. mcse: its standard error; NaN for fewer than three realizations.
     study_error: standard error of the number of a single study of the paper's size.
-    n: realizations used (the largest number of any cell). blocks: number of blocks; 1 for a study of the paper's size or a smaller one.
+    n: realizations used (the largest number of any cell).
+    blocks: number of blocks; 1 for a study of the paper's size or a smaller one.
     detail: the values behind the number, as text. low, high: range over the readings of a definition; NaN without.
     """
 

@@ -27,14 +27,14 @@ def in_slabs(cube: xr.Dataset, statistic: Callable[[xr.Dataset], xr.Dataset]) ->
     if len(parts) == 1:
         return first
     total = cube.sizes[REALIZATION]
-    whole = {name: _room(v, total) for name, v in first.variables.items() if REALIZATION in v.dims}
+    filled = {name: _room(v, total) for name, v in first.variables.items() if REALIZATION in v.dims}
     for part in parts:
         computed = first if part == parts[0] else statistic(cube.isel({REALIZATION: part}).compute())
-        for name, (dims, values, _) in whole.items():
+        for name, (dims, values, _) in filled.items():
             values[(*(slice(None),) * dims.index(REALIZATION), part)] = computed.variables[name].values
-    every = {name: whole.get(name, v) for name, v in first.variables.items()}
-    data = {name: every[name] for name in first.data_vars}
-    return xr.Dataset(data, {name: every[name] for name in first.coords}, first.attrs)
+    variables = {name: filled.get(name, v) for name, v in first.variables.items()}
+    data = {name: variables[name] for name in first.data_vars}
+    return xr.Dataset(data, {name: variables[name] for name in first.coords}, first.attrs)
 
 
 def summed(cube: xr.Dataset, statistic: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:

@@ -136,13 +136,13 @@ class GroupView:
         )
         return [f"{field} = {value}" for field, value in ours.items() if field in theirs and theirs[field] != value]
 
-    def fmax(self, wanted: float) -> float | None:
+    def fmax(self, value: float) -> float | None:
         """The group's Fmax nearest to ``wanted``, or None."""
-        return nearest(self.cube["fmax"].values, wanted)
+        return nearest(self.cube["fmax"].values, value)
 
-    def amplitude(self, wanted: float) -> float | None:
+    def amplitude(self, value: float) -> float | None:
         """The group's amplitude nearest to ``wanted``, or None."""
-        return nearest(self.cube["amplitude"].values, wanted)
+        return nearest(self.cube["amplitude"].values, value)
 
     def within(self, fmax: float, f: np.ndarray) -> np.ndarray:
         """Which of the frequencies ``f`` (Hz) a fit up to ``fmax`` uses."""
@@ -151,8 +151,8 @@ class GroupView:
 
     def at(self, cells: xr.Dataset, fmax: Sequence[float], amplitude: Sequence[float]) -> xr.Dataset:
         """``cells`` at those Fmax and amplitudes, relabelled with exactly the values asked for."""
-        wanted = {"fmax": [self.fmax(f) for f in fmax], "amplitude": [self.amplitude(a) for a in amplitude]}
-        chosen = cells.isel({dim: _run(cells.get_index(dim).get_indexer(values)) for dim, values in wanted.items()})
+        coordinates = {"fmax": [self.fmax(f) for f in fmax], "amplitude": [self.amplitude(a) for a in amplitude]}
+        chosen = cells.isel({dim: _run(cells.get_index(dim).get_indexer(x)) for dim, x in coordinates.items()})
         return chosen.assign_coords(fmax=list(fmax), amplitude=list(amplitude))
 
 

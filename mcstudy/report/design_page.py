@@ -106,11 +106,11 @@ def _errors(design: StimulusDesignRecord, command: str) -> Markup:
     if spreads is not None:
         drawings.append((f"bounded fits up to {spreads.fmax:g} Hz", spreads.cv))
     panels = [Panel(title, partial(cv_bars, design, cv, title=title), (4.3, 5.0), "x") for title, cv in drawings]
-    both = [*design.bounded_cv, *(spreads.cv if spreads is not None else ())]
+    cvs = [*design.bounded_cv, *(spreads.cv if spreads is not None else ())]
     header = ["", "predicted: sequence", "design", "lower by"]
     rows = [
         [name, *words.compared(sequence, other, "×")]
-        for name, sequence, other in zip(design.names, *both[:2], strict=True)
+        for name, sequence, other in zip(design.names, *cvs[:2], strict=True)
     ]
     if spreads is not None:
         header += ["fits: sequence", "design", "lower by (± MCSE)"]

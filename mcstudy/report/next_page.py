@@ -32,7 +32,7 @@ def next_page(trial: NextTrialRecord, command: str = "mcstudy gap next REC --htm
 
 def _introduction(trial: NextTrialRecord) -> Markup:
     best = trial.best
-    said = "" if trial.open else "The cause is known: no further trial is needed to name it."
+    remark = "" if trial.open else "The cause is known: no further trial is needed to name it."
     entries = [
         ("Open before", f"{number(best.told.entropy, 2)} bits", "entropy over the causes."),
         ("Expected information", f"{number(best.told.bits, 2)} bits", "of the recommended trial."),
@@ -43,4 +43,4 @@ def _introduction(trial: NextTrialRecord) -> Markup:
         ),
         ("Effects with a twin", f"{trial.before.count} → {trial.after.count}", "before and with it."),
     ]
-    return paragraphs([said, f"Recommended: {described(best.plan)}."]) + tiles(entries)
+    return paragraphs([remark, f"Recommended: {described(best.plan)}."]) + tiles(entries)

@@ -150,17 +150,17 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
     account = view.counts.drop_vars("fits").drop_dims("outcome", errors="ignore")
     needed = view.needed
     quantile = starts_needed_quantiles(needed)
-    whole = {s.key: s.load()(cells) for s in CELL_STATISTICS}
-    whole |= {
+    results = {s.key: s.load()(cells) for s in CELL_STATISTICS}
+    results |= {
         "missed_minimum": _mean_over_realizations(needed["missed"]),
         "missed_minimum_upper": _mean_over_realizations(needed["missed_upper"].clip(min=WANTED)),
         "starts_needed_median": quantile.sel(quantile=0.5, drop=True),
         "starts_needed_90th": quantile.sel(quantile=0.9, drop=True),
     }
     if view.combined is not None:
-        whole |= {f"{s.key}_combined": s.load()(view.combined) for s in CELL_STATISTICS if s.summed}
+        results |= {f"{s.key}_combined": s.load()(view.combined) for s in CELL_STATISTICS if s.summed}
     axes = ("amplitude", "fmax")
-    readers = {name: _reader(result, *axes) for name, result in whole.items()}
+    readers = {name: _reader(result, *axes) for name, result in results.items()}
     hit_rate = needed["hit_rate"].mean("realization").transpose(*axes).values
     parameters = _parameters(view)
     out = []

@@ -159,12 +159,12 @@ def sway_error_bars(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
 def sway_trace(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axes:
     """Measured sway of one angle, and what both models predict."""
     ax = axes(ax, (4.3, 2.8))
-    every = slice(None, None, -(-traces.t.size // POINTS))
-    t = traces.t[every]
-    ax.plot(t, traces.measured[every, angle], color=MEASURED, linewidth=2.8, alpha=0.4, label="measured")
-    ax.plot(t, traces.before[every, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
+    step = slice(None, None, -(-traces.t.size // POINTS))
+    t = traces.t[step]
+    ax.plot(t, traces.measured[step, angle], color=MEASURED, linewidth=2.8, alpha=0.4, label="measured")
+    ax.plot(t, traces.before[step, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
     if traces.after is not None:
-        ax.plot(t, traces.after[every, angle], color=AFTER, linewidth=1.1, label=traces.added_name)
+        ax.plot(t, traces.after[step, angle], color=AFTER, linewidth=1.1, label=traces.added_name)
     ax.set_ylabel(f"θ{angle + 1} (°)")
     return _in_time(ax)
 
@@ -172,15 +172,15 @@ def sway_trace(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Ax
 def sway_left(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axes:
     """Measured minus predicted sway of one angle, of both models, with the 95 % noise of the measured mean."""
     ax = axes(ax, (4.3, 2.8))
-    every = slice(None, None, -(-traces.t.size // POINTS))
-    t = traces.t[every]
+    step = slice(None, None, -(-traces.t.size // POINTS))
+    t = traces.t[step]
     if np.isfinite(traces.error[angle]):
         limit = 1.96 * traces.error[angle]
         ax.axhspan(-limit, limit, color=MEASURED, alpha=0.14, linewidth=0, label="95 % noise")
     left = traces.measured - traces.before
-    ax.plot(t, left[every, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
+    ax.plot(t, left[step, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
     if traces.after is not None:
-        after = (traces.measured - traces.after)[every, angle]
+        after = (traces.measured - traces.after)[step, angle]
         ax.plot(t, after, color=AFTER, linewidth=1.0, label=traces.added_name)
     ax.set_ylabel(f"error of predicted θ{angle + 1} (°)")
     return _in_time(ax)

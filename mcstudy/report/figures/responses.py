@@ -129,9 +129,9 @@ def _draw(
     view = view_of(data)
     a, limit = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
     grid = view.cube["frequency"].values
-    f, true, every, is_stable = _responses(view, a, limit, response)
+    f, true, every_fit, is_stable = _responses(view, a, limit, response)
     at = np.searchsorted(f, grid)
-    fits = {name: x[is_stable] if stable else x for name, x in every.items()}
+    fits = {name: x[is_stable] if stable else x for name, x in every_fit.items()}
     for i, name in enumerate(true):
         colour = SERIES[i % len(SERIES)]
         line, fitted = part(true[name], fits[name])

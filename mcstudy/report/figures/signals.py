@@ -203,10 +203,10 @@ def simulation_error_frf(signals: Signals, ax: Axes | None = None) -> Axes:
     """What the error of Fig. 2D does to the FRFs, with and without the first cycle, and what sampling explains."""
     ax = axes(ax, (4.3, 3.2))
     kept = signals.view.group.stimulus.discard
-    for discard, dash, what in ((0, DASHES[2], "all cycles"), (kept, DASHES[0], f"without the first {cycles(kept)}")):
+    for discard, dash, label in ((0, DASHES[2], "all cycles"), (kept, DASHES[0], f"without the first {cycles(kept)}")):
         f, error = signals.frf_error(discard)
         for i, name in enumerate(signals.angles):
-            ax.plot(f, error[:, i], color=SERIES[i], linestyle=dash, label=f"{name}, {what}", linewidth=1.2)
+            ax.plot(f, error[:, i], color=SERIES[i], linestyle=dash, label=f"{name}, {label}", linewidth=1.2)
         if kept == 0:
             break
     keep = np.unique(np.geomspace(1, f.size, 12).astype(int)) - 1

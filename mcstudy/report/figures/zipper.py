@@ -40,9 +40,9 @@ def zipper(
     units = dict(zip(view.model.names, view.model.units, strict=True))
     if parameter not in units:
         raise InputError(f"parameter: expected one of {', '.join(units)}, got {parameter!r}")
-    here = {"amplitude": a, "fmax": f, "parameter": parameter}
-    held = performance_of(view).sel(here).sel(measure="coverage")
-    cells = view.cells.sel(here)
+    cell = {"amplitude": a, "fmax": f, "parameter": parameter}
+    held = performance_of(view).sel(cell).sel(measure="coverage")
+    cells = view.cells.sel(cell)
     shown = intervals(cells["estimate"], cells["truth"], cells[ERROR]).dropna("realization")
     shown = shown.isel(realization=slice(0, MOST_POINTS))
     for holds, colour in ((True, "blue"), (False, "orange")):

@@ -61,9 +61,10 @@ def _tiles(context: Context) -> list[Tile]:
         out += _accuracy(context, view)
     judged = [r["verdict"] for r in context.published.values() if r["verdict"]]
     if judged:
-        told = [v for v in judged if v != CANNOT_TELL]
-        remark = f"{len(judged) - len(told)} more cannot be decided with studies of so few realizations."
-        out.append(("Published statements that agree", f"{told.count(AGREES)} of {len(told)}", remark, "published"))
+        decided = [v for v in judged if v != CANNOT_TELL]
+        remark = f"{len(judged) - len(decided)} more cannot be decided with studies of so few realizations."
+        agreeing = f"{decided.count(AGREES)} of {len(decided)}"
+        out.append(("Published statements that agree", agreeing, remark, "published"))
     return out
 
 
@@ -99,9 +100,9 @@ def _bias(context: Context, cell: dict[str, Any], at: str) -> Tile:
     row = context.counterpart("bias", cell["fmax"])
     value = row or cell["mean_absolute_bias_percent"]
     paper = f"paper {row['paper_text']} %, " if row else f"{at}, "
-    what = f"Mean |bias|, Fmax {fmax_label(cell['fmax'])}"
+    title = f"Mean |bias|, Fmax {fmax_label(cell['fmax'])}"
     floor = number(value["floor"], 2)
-    return what, f"{with_error(value['value'], value['mcse'])} %", f"{paper}{floor} % expected from chance.", "bias"
+    return title, f"{with_error(value['value'], value['mcse'])} %", f"{paper}{floor} % expected from chance.", "bias"
 
 
 def _ends_and_middle(cells: list[dict[str, Any]], fmax: float) -> list[dict[str, Any]]:

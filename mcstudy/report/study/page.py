@@ -65,8 +65,8 @@ def _companion(file: Path, looks: ExitStack) -> Context | None:
 
 
 def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -> str:
-    asked = [p for p in publications() if companions or p is context.publication]
-    sections = [section for p in asked if (section := p.section(context, companions))]
+    relevant = [p for p in publications() if companions or p is context.publication]
+    sections = [section for p in relevant if (section := p.section(context, companions))]
     if companions and not sections:
         raise InputError("--beside: expected a publication that shows further results, none is installed")
     parts = [

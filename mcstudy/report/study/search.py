@@ -373,6 +373,6 @@ def _of_stable(rate: xr.Dataset, fmax: int) -> str:
 
 
 def _percent(rate: xr.Dataset, fmax: float, loop: str) -> str:
-    here = rate.sel(fmax=fmax, loop=loop)
-    value, mcse = finite(here["value"]), finite(here["mcse"])
+    cell = rate.sel(fmax=fmax, loop=loop)
+    value, mcse = finite(cell["value"]), finite(cell["mcse"])
     return with_error(None if value is None else 100 * value, None if mcse is None else 100 * mcse)

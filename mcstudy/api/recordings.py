@@ -13,6 +13,7 @@ from mcstudy.gap.trial_planning.choice import require_possible
 from mcstudy.gap.trial_planning.next_trial import next_trial as planned_next
 from mcstudy.identification.fit import fit as fit_recordings
 from mcstudy.identification.settings import FitSettings
+from mcstudy.recordings.columns import ModelLike, model_of, of_model
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.laboratory_import import import_files
@@ -33,7 +34,7 @@ def diagnose(
     fast: bool = False,
     bootstrap: int | None = None,
     seed: int = 0,
-    model: Model | None = None,
+    model: ModelLike | None = None,
     fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
@@ -53,9 +54,11 @@ def diagnose(
     seed
         Random seed; the same seed gives the same numbers.
     model
-        Base model; the two-segment model of the recording's body when None. None under several stimuli.
+        Base model: a `Model`, a name or the file of one; the two-segment model of the recording's body when None. The
+        outputs of a declared model are found in the recording by name. None under several stimuli.
     fmax
-        Highest frequency used, Hz. None for 8, or the last of a published response.
+        Highest frequency used, Hz. None for 8, or the last of a published response; for a declared model what the
+        sampling rate reaches.
     discard
         Transient cycles left out at the start of every trial; None for one, or as many as the slowest oscillation of
         the fitted body needs to decay, at most half of a trial.
@@ -80,13 +83,13 @@ def diagnose(
         fast=fast,
         bootstrap=bootstrap,
         seed=seed,
-        model=model,
+        model=model if isinstance(model, Model) else None,
         fmax=fmax,
         discard=discard,
         accept=accept,
         prior_none=prior_none,
     )
-    read = _read(recording)
+    read = _read(recording, model)
     compile_kernels(DIAGNOSIS)
     return Diagnosis.of(diagnose_recordings(read, settings))
 
@@ -150,7 +153,7 @@ def fit(
     quantities: Sequence[str] | Mapping[str, Any] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: float = 0.95,
-    model: Model | None = None,
+    model: ModelLike | None = None,
     fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
@@ -174,9 +177,12 @@ def fit(
     level
         Level of the intervals.
     model
-        The two-segment model of the recording's body when None. None under several stimuli.
+        A `Model`, a name or the file of one; the two-segment model of the recording's body when None. The outputs of a
+        declared model are found in the recording by name, and its parameters have its bounds. None under several
+        stimuli.
     fmax
-        Highest frequency used, Hz. None for 8, or the last of a published response.
+        Highest frequency used, Hz. None for 8, or the last of a published response; for a declared model what the
+        sampling rate reaches.
     discard
         Transient cycles left out at the start of every trial; None for one, or as many as the slowest oscillation of
         the fitted body needs to decay, at most half of a trial.
@@ -203,13 +209,13 @@ def fit(
         quantities=quantities,
         bounds=bounds,
         level=level,
-        model=model,
+        model=model if isinstance(model, Model) else None,
         fmax=fmax,
         discard=discard,
         accept=accept,
         seed=seed,
     )
-    read = _read(recording)
+    read = _read(recording, model)
     compile_kernels(PERSON)
     return FitResult.of(fit_recordings(read, settings))
 
@@ -245,6 +251,9 @@ def import_recording(
     return import_files(given, fields.pop("map", None) if description is None else description, fields).recording
 
 
-def _read(recording: RecordingLike | Sequence[RecordingLike]) -> list[Recording | FrfRecording]:
+def _read(
+    recording: RecordingLike | Sequence[RecordingLike], model: ModelLike | None = None
+) -> list[Recording | FrfRecording]:
     given = [recording] if isinstance(recording, RecordingLike) else list(recording)
-    return [read_recording(r) if isinstance(r, str | Path) else r for r in given]
+    declared = model_of(model)
+    return [read_recording(r, model=declared) if isinstance(r, str | Path) else of_model(r, declared) for r in given]

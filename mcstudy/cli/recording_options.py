@@ -31,7 +31,8 @@ def add_recording_arguments(parser: Parser, nargs: str = "+") -> None:
         "--fmax",
         type=float,
         metavar="HZ",
-        help="highest frequency used (default 8, or the last of a published response)",
+        help="highest frequency used (default 8, or the last of a published response; of a declared model what the "
+        "sampling rate reaches)",
     )
     parser.add_argument(
         "--discard",
@@ -73,11 +74,23 @@ def tell(args: argparse.Namespace, name: str, to_dict: Callable[[], dict[str, An
         print(text())
 
 
+def add_model_argument(parser: Parser) -> None:
+    """Which model is fitted."""
+    parser.add_argument(
+        "--model",
+        metavar="NAME|FILE",
+        help="a declared model (`mcstudy models`, or a .toml) whose outputs the columns of REC are, by name (default: "
+        "the model that REC names, or two_segment)",
+    )
+
+
 def read_recordings(args: argparse.Namespace) -> list[Recording | FrfRecording]:
     """The recordings in the files that were named."""
+    from mcstudy.recordings.columns import model_of
     from mcstudy.recordings.io import read_recording
 
-    return [read_recording(path, data=args.data) for path in args.recordings]
+    model = model_of(getattr(args, "model", None))
+    return [read_recording(path, data=args.data, model=model) for path in args.recordings]
 
 
 @contextmanager

@@ -15,7 +15,7 @@ class Filters(NamedTuple):
     """Filters of a model: M monomials, Q (filter, parameter) pairs.
 
     pair: (Q, 2) int64, every parameter that a filter holds. monomial (M, 6), power (M,), coefficient (M,) and output
-    (2,): ``monomial``, ``monomial_power``, ``monomial_coefficient`` and ``output_filter`` of
+    (R,): ``monomial``, ``monomial_power``, ``monomial_coefficient`` and ``output_filter`` of
     `mcstudy.stance.feedback.Table`.
     """
 
@@ -27,28 +27,30 @@ class Filters(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """A model table at N fixed frequencies, in the form `mcstudy.fitting.kernel.evaluate` reads; see `plans.plan`.
+    """A table of R rows at N fixed frequencies, in the form `mcstudy.fitting.kernel.evaluate` reads; see `plans.plan`.
 
     Attributes
     ----------
+    rows: 0 to R - 1, a tuple, so that R is part of its type and each R has compiled code of its own.
     omega: (N,) rad/s.
-    constant: (N, 12), the terms without parameters, summed: A(s) by rows, then b(s), re and im in turn.
+    constant: (N, 2 R (R + 1)), the terms without parameters, summed: A(s) by rows, then b(s), re and im in turn.
     entry: (E, 10) int64, the other terms: row, order, group, first gain, second gain, index into ``sensed``, whether
         its group carries a delay or filter parameter, and whether it is the first to reach the sum of its group and
         of its gains.
-    weight: (E, 3 + J), coefficient, then weights on (theta1, theta2) and on each of J stimuli.
-    sensed, sensed_weight: (S,) int64 and (S, 2 + J), row and weights of the distinct (row, sense) pairs.
+    weight: (E, 1 + R + J), coefficient, then weights on the angles and on each of J stimuli.
+    sensed, sensed_weight: (S,) int64 and (S, R + J), row and weights of the distinct (row, sense) pairs.
     stimulus: (N,) int64, which of the J stimuli evokes a line.
     group_delay, group_filters: (G, 2) and (G, 4) int64, as in `mcstudy.stance.feedback.Table`.
     filters: of the model.
-    single: (2, W) int64, the parameters that act on one row of the equations of motion alone, by row, filled up with
+    single: (R, W) int64, the parameters that act on one row of the equations of motion alone, by row, filled up with
         -1 to whole tiles. both: (C,) int64, the others, among them all that act on the measured angles.
-    column: (P, 2) int64, where the torques of a (parameter, row) are kept.
-    delay_first: (G, 2, 2) int64, whether a delay of a group is the first to write to its place in a row: 1 yes, 0 no,
+    column: (P, R) int64, where the torques of a (parameter, row) are kept.
+    delay_first: (G, 2, R) int64, whether a delay of a group is the first to write to its place in a row: 1 yes, 0 no,
         -1 nothing to add.
     cleared: (K,) int64, the places that nobody writes to first.
     """
 
+    rows: tuple[int, ...]
     omega: np.ndarray
     constant: np.ndarray
     entry: np.ndarray
@@ -69,13 +71,14 @@ class Plan(NamedTuple):
 class Scratch(NamedTuple):
     """Slots at which parts of an evaluation begin: F frequencies at a time, of complex numbers first all real parts.
 
-    matrix: A and b by rows (12 F). group: delays times filters of each group (2 G F). direction: columns of B by row
-    (8 F). rho: their product (2 F). projection: of the residual on them (4 F). response: H (4 F). length: of the
-    columns of B (2 F). residual: (4 F). sensed: what each (row, sense) passes on (2 S F). product: of a term (2 F).
-    group_sum: of the terms of a group by row (4 G F). torque: of the parameters (4 (W + C) F). cross: those of the
-    second row times rho (2 W F). column: whole columns of the Jacobian (8 C F). tiles: of the Gram matrix. gain: of
-    each term (E). filter, slope: values of the filters and their logarithmic derivatives, which repeat after
-    ``filter_stride`` slots at the next frequency.
+    matrix: A and b by rows (2 R (R + 1) F). group: delays times filters of each group (2 G F). direction: columns of B
+    by row (2 R^2 F). rho: products of two of them (R (R - 1) F). projection: of the residual on them (2 R F). response:
+    H (2 R F). length: of the columns of B (R F). residual: (2 R F). sensed: what each (row, sense) passes on (2 S F).
+    product: of a term (2 F). group_sum: of the terms of a group by row (2 R G F). torque: of the parameters (2 R (W +
+    C) F). cross: those of a row times rho, for each lower row (R (R - 1) W F). column: whole columns of the Jacobian,
+    and their products with those of B (4 R C F). tiles: of the Gram matrix. gain: of each term (E). filter, slope:
+    values of the filters and their logarithmic derivatives, which repeat after ``filter_stride`` slots at the next
+    frequency.
     """
 
     matrix: int
@@ -104,7 +107,7 @@ class Workspace(NamedTuple):
 
     x, gram: parameters (P slots) of the fits, and lower triangle of [J r]^T [J r] there, (P + 1) (P + 2) / 2 slots.
     trial, gram_trial: the same of the step that is tried. held, step: (P). matrix: as ``gram``. damping: one slot.
-    data: 8 N, see `pack`. at: of the evaluation.
+    data: R (R + 2) N + 2, see `pack`. at: of the evaluation.
     """
 
     w: np.ndarray
@@ -121,9 +124,10 @@ class Workspace(NamedTuple):
 
 
 class Queue(NamedTuple):
-    """M starts of R problems that share model and frequencies.
+    """M starts of K problems that share model and frequencies.
 
-    packed: (R, 8 N), data and weights, see `pack`. problem: (M,) int64, problem of each start. starts: (M, P).
+    packed: (K, R (R + 2) N + 2), data and weights, see `pack`. problem: (M,) int64, problem of each start. starts:
+    (M, P).
     """
 
     packed: np.ndarray
@@ -275,13 +279,19 @@ class Ends(NamedTuple):
         return cls(np.empty((M, P)), np.empty(M), np.empty(M, dtype=np.int64), np.empty(M, dtype=np.int64))
 
 
-def pack(y: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Data and weights in the kernel's order, (8 N,): per frequency y1, y2 (re, im), W11, W22 and W21 (re, im).
+def pack(y: np.ndarray, weight: np.ndarray, constant: float = 0.0) -> np.ndarray:
+    """Data and weights of R angles in the kernel's order, (R (R + 2) N + 2,).
 
-    ``y``: (N, 2) complex. ``weight``: (N, 2, 2) complex, lower triangular with real diagonal.
+    Per frequency: the angles (re, im), the diagonal of the weights, and what lies below it by rows (re, im). Then
+    ``constant``, a part of the cost that no parameter changes, and the cost of responses that are zero.
+
+    ``y``: (N, R) complex. ``weight``: (N, R, R) complex, lower triangular with real diagonal.
     """
-    packed = np.empty((len(y), 8))
-    packed[:, 0:4:2], packed[:, 1:4:2] = y.real, y.imag
-    packed[:, 4], packed[:, 5] = weight[:, 0, 0].real, weight[:, 1, 1].real
-    packed[:, 6], packed[:, 7] = weight[:, 1, 0].real, weight[:, 1, 0].imag
-    return packed.ravel()
+    N, R = y.shape
+    packed = np.empty((N, R * (R + 2)))
+    packed[:, 0 : 2 * R : 2], packed[:, 1 : 2 * R : 2] = y.real, y.imag
+    packed[:, 2 * R : 3 * R] = np.einsum("nii->ni", weight).real
+    below = weight[:, *np.tril_indices(R, -1)]
+    packed[:, 3 * R :: 2], packed[:, 3 * R + 1 :: 2] = below.real, below.imag
+    whole = constant + (np.abs(np.einsum("nij,nj->ni", weight, y)) ** 2).sum()
+    return np.concatenate([packed.ravel(), [constant, whole]])

@@ -32,11 +32,11 @@ _HALF_PI_3 = 2.0222662487959506e-21
 
 
 class LinearTable(NamedTuple):
-    """A model whose gains enter linearly, at N frequencies.
+    """A model of R rows whose gains enter linearly, at N frequencies.
 
-    omega: (N,) rad/s. fixed: (N, 6) complex, the parts of A (by rows) and b without parameters. entry: (E, 4) int64 -
-    row, gain, delay, sensory weight (-1 none). sense: (E, 3) weights on (theta1, theta2, stimulus). factor: (E, N)
-    complex, coefficient * s^order * filters.
+    omega: (N,) rad/s. fixed: (N, R, R + 1) complex, the parts of A and, as the last column, b without parameters.
+    entry: (E, 4) int64 - row, gain, delay, sensory weight (-1 none). sense: (E, R + 1) weights on the angles and the
+    stimulus. factor: (E, N) complex, coefficient * s^order * filters.
     """
 
     omega: np.ndarray
@@ -69,25 +69,82 @@ def _turn(angle):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _add(J, column, first, second):  # type: ignore[no-untyped-def]
-    J[0, column] += first.real
-    J[1, column] += first.imag
-    J[2, column] += second.real
-    J[3, column] += second.imag
+def _invert(A, inverse):  # type: ignore[no-untyped-def]
+    """Inverse of a complex matrix (R, R + 1) without its last column; what it holds is lost for more than two rows."""
+    R = inverse.shape[0]
+    if R == 1:
+        inverse[0, 0] = 1.0 / A[0, 0]
+        return
+    if R == 2:
+        scale = 1.0 / (A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
+        inverse[0, 0], inverse[0, 1] = A[1, 1] * scale, -A[0, 1] * scale
+        inverse[1, 0], inverse[1, 1] = -A[1, 0] * scale, A[0, 0] * scale
+        return
+    for i in range(R):
+        for j in range(R):
+            inverse[i, j] = 1.0 if i == j else 0.0
+    for k in range(R):
+        pivot = k
+        for i in range(k + 1, R):
+            if abs(A[i, k]) > abs(A[pivot, k]):
+                pivot = i
+        for j in range(R):
+            A[k, j], A[pivot, j] = A[pivot, j], A[k, j]
+            inverse[k, j], inverse[pivot, j] = inverse[pivot, j], inverse[k, j]
+        scale = 1.0 / A[k, k]
+        for j in range(R):
+            A[k, j] *= scale
+            inverse[k, j] *= scale
+        for i in range(R):
+            if i != k:
+                share = A[i, k]
+                for j in range(R):
+                    A[i, j] -= share * A[k, j]
+                    inverse[i, j] -= share * inverse[k, j]
+
+
+@compiled
+def _add(J, column, share, u, row):  # type: ignore[no-untyped-def]
+    """Add what a torque on a row does to the weighted angles: real and imaginary parts by angle."""
+    for a in range(u.shape[0]):
+        moved = u[a, row] * share
+        J[2 * a, column] += moved.real
+        J[2 * a + 1, column] += moved.imag
+
+
+@compiled
+def _equations(table: LinearTable, x, n, turned, A):  # type: ignore[no-untyped-def]
+    """A(s) and, as the last column, b(s) at frequency ``n``, and what depends on its delays (``turned``)."""
+    R, sense = A.shape[0], table.sense
+    for row in range(R):
+        for c in range(R + 1):
+            A[row, c] = table.fixed[n, row, c]
+    for e in range(table.entry.shape[0]):
+        row, gain, delay, weight = table.entry[e]
+        value = table.factor[e, n] * turned[delay]
+        if gain >= 0:
+            value = value * x[gain]
+        if weight >= 0:
+            value = value * x[weight]
+        for c in range(R):
+            A[row, c] += sense[e, c] * value
+        A[row, R] -= sense[e, R] * value
 
 
 @compiled
 def normal_equations(table: LinearTable, x, mix, y, W, gram, gradient):  # type: ignore[no-untyped-def]
     """Gram matrix (P, P) and gradient (P,) of e at theta = theta_w = ``x``; returns ||e||^2.
 
-    y: (N, 2) complex data. W: (N, 2, 2) complex lower triangular.
+    y: (N, R) complex data. W: (N, R, R) complex lower triangular.
     """
-    omega, fixed, entry, sense, factor = table.omega, table.fixed, table.entry, table.sense, table.factor
-    P, E = x.size, entry.shape[0]
+    omega, entry, sense, factor = table.omega, table.entry, table.sense, table.factor
+    P, E, R = x.size, entry.shape[0], y.shape[1]
     size = (P + 8) // 8 * 8  # room for the residual as column P; whole vectors, so the sums below are quick
-    J, sums = np.zeros((4, size)), np.zeros((P + 1, size))  # rows of J: re and im of the two angles
+    J, sums, products = np.zeros((2 * R, size)), np.zeros((P + 1, size)), np.empty(size)
     turned = np.ones(P + 1, dtype=np.complex128)  # exp(-delay s); the last stays 1, for entries without a delay
     delayed = np.zeros(P, dtype=np.bool_)
+    A, inverse = np.empty((R, R + 1), dtype=np.complex128), np.empty((R, R), dtype=np.complex128)
+    u, miss, z = np.empty((R, R), dtype=np.complex128), np.empty(R, np.complex128), np.empty(R, np.complex128)
     for e in range(E):
         if entry[e, 2] >= 0:
             delayed[entry[e, 2]] = True
@@ -95,52 +152,48 @@ def normal_equations(table: LinearTable, x, mix, y, W, gram, gradient):  # type:
         for p in range(P):
             if delayed[p]:
                 turned[p] = _turn(omega[n] * x[p])
-            for c in range(4):
+            for c in range(2 * R):
                 J[c, p] = 0.0
-        a11, a12, a21, a22, b1, b2 = fixed[n]
+        _equations(table, x, n, turned, A)
+        _invert(A, inverse)
+        for a in range(R):
+            response = inverse[a, 0] * A[0, R]
+            for k in range(1, R):
+                response += inverse[a, k] * A[k, R]
+            miss[a] = response - y[n, a]
+            z[a] = response - mix * miss[a]
+        for a in range(R):  # weighted inverse and residual
+            for row in range(R):
+                u[a, row] = W[n, a, 0] * inverse[0, row]
+            residual = W[n, a, 0] * miss[0]
+            for k in range(1, a + 1):
+                for row in range(R):
+                    u[a, row] += W[n, a, k] * inverse[k, row]
+                residual += W[n, a, k] * miss[k]
+            J[2 * a, P], J[2 * a + 1, P] = residual.real, residual.imag
         for e in range(E):
             row, gain, delay, weight = entry[e]
-            value = factor[e, n] * turned[delay]
-            if gain >= 0:
-                value = value * x[gain]
+            sensed = sense[e, 0] * z[0]
+            for k in range(1, R):
+                sensed += sense[e, k] * z[k]
+            value = factor[e, n] * turned[delay] * (sensed + sense[e, R])
             if weight >= 0:
-                value = value * x[weight]
-            if row == 0:
-                a11 += sense[e, 0] * value
-                a12 += sense[e, 1] * value
-                b1 -= sense[e, 2] * value
-            else:
-                a21 += sense[e, 0] * value
-                a22 += sense[e, 1] * value
-                b2 -= sense[e, 2] * value
-        inverse = 1.0 / (a11 * a22 - a12 * a21)
-        i11, i12, i21, i22 = a22 * inverse, -a12 * inverse, -a21 * inverse, a11 * inverse
-        h1, h2 = i11 * b1 + i12 * b2, i21 * b1 + i22 * b2
-        d1, d2 = h1 - y[n, 0], h2 - y[n, 1]
-        z1, z2 = h1 - mix * d1, h2 - mix * d2
-        w11, w21, w22 = W[n, 0, 0], W[n, 1, 0], W[n, 1, 1]
-        u11, u12 = w11 * i11, w11 * i12
-        u21, u22 = w21 * i11 + w22 * i21, w21 * i12 + w22 * i22
-        for e in range(E):
-            row, gain, delay, weight = entry[e]
-            value = factor[e, n] * turned[delay] * (sense[e, 0] * z1 + sense[e, 1] * z2 + sense[e, 2])
-            u1, u2 = (u11, u21) if row == 0 else (u12, u22)
-            if weight >= 0:
-                product = value * x[gain]
-                _add(J, weight, -u1 * product, -u2 * product)
+                _add(J, weight, -(value * x[gain]), u, row)
                 value = value * x[weight]
             if gain >= 0:
-                _add(J, gain, -u1 * value, -u2 * value)
+                _add(J, gain, -value, u, row)
                 value = value * x[gain]
             if delay >= 0:
-                slope = complex(0.0, omega[n]) * value
-                _add(J, delay, u1 * slope, u2 * slope)
-        r1, r2 = w11 * d1, w21 * d1 + w22 * d2
-        J[0, P], J[1, P], J[2, P], J[3, P] = r1.real, r1.imag, r2.real, r2.imag
+                _add(J, delay, complex(0.0, omega[n]) * value, u, row)
         for p in range(P + 1):
-            j0, j1, j2, j3 = J[0, p], J[1, p], J[2, p], J[3, p]
             for q in range(size):
-                sums[p, q] += j0 * J[0, q] + j1 * J[1, q] + j2 * J[2, q] + j3 * J[3, q]
+                products[q] = 0.0
+            for a in range(R):
+                re, im = J[2 * a, p], J[2 * a + 1, p]
+                for q in range(size):
+                    products[q] = products[q] + re * J[2 * a, q] + im * J[2 * a + 1, q]
+            for q in range(size):
+                sums[p, q] += products[q]
     for p in range(P):
         gradient[p] = sums[P, p]
         for q in range(P):

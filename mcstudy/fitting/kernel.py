@@ -13,6 +13,8 @@ step would carry across a side are put on it and the rest is solved again. Dampi
 follows the gain ratio (Nielsen 1999). A fit has converged when the step predicts a relative decrease of the cost
 below the tolerance, and so does moving any parameter alone.
 
+The number R of rows is that of the tuple ``Plan.rows``, and so known when a function is compiled: one code for each R.
+
 Slots of the workspace are counted in lanes (`mcstudy.fitting.lanes`).
 """
 
@@ -23,7 +25,19 @@ import numpy as np
 from mcstudy.compiling.addresses import call, calling
 from mcstudy.compiling.decorators import compiled, inner
 from mcstudy.fitting.arguments import Bounds, Filters, Lanes, LaneStates, Outcomes, Plan, Queue, StopRules, Workspace
-from mcstudy.fitting.lanes import WIDTH, fma, fnma, load, nearest, negative, root, splat, store, where_less
+from mcstudy.fitting.lanes import (
+    WIDTH,
+    fma,
+    fnma,
+    load,
+    nearest,
+    negative,
+    registers,
+    root,
+    splat,
+    store,
+    where_less,
+)
 from mcstudy.fitting.status import Status
 
 CONVERGED, STALLED = int(Status.CONVERGED), int(Status.STALLED)
@@ -170,9 +184,9 @@ def _evaluate_filters(w, x, at, slope_at, omega, filters: Filters):
             store(w, slot, load(w, slot) + re)
             store(w, slot + 1, load(w, slot + 1) + im)
     for q in range(filter_pair.shape[0]):
-        slot, own = slope_at + 4 * q, at + 4 * filter_pair[q, 0]
-        nr, ni = _over(load(w, slot), load(w, slot + 1), load(w, own), load(w, own + 1))
-        dr, di = _over(load(w, slot + 2), load(w, slot + 3), load(w, own + 2), load(w, own + 3))
+        slot, value = slope_at + 4 * q, at + 4 * filter_pair[q, 0]
+        nr, ni = _over(load(w, slot), load(w, slot + 1), load(w, value), load(w, value + 1))
+        dr, di = _over(load(w, slot + 2), load(w, slot + 3), load(w, value + 2), load(w, value + 3))
         store(w, slot, nr - dr)
         store(w, slot + 1, ni - di)
     for k in range(n_filters):
@@ -223,8 +237,8 @@ def _groups(plan: Plan, work: Workspace, first, n):
             k = group_filters[g, c]
             if k >= 0:
                 for f in range(n):
-                    own = at.filter + f * at.filter_stride + 4 * k
-                    re, im = _times(load(w, to + f), load(w, to + F + f), load(w, own), load(w, own + 1))
+                    value = at.filter + f * at.filter_stride + 4 * k
+                    re, im = _times(load(w, to + f), load(w, to + F + f), load(w, value), load(w, value + 1))
                     store(w, to + f, re)
                     store(w, to + F + f, im)
 
@@ -235,41 +249,41 @@ def _equations(plan: Plan, work: Workspace, first, n):
 
     b is that of the stimulus that evokes the line.
     """
-    w, at, omega, entry, weight = work.w, work.at, plan.omega, plan.entry, plan.weight
+    w, at, omega, entry, weight, R = work.w, work.at, plan.omega, plan.entry, plan.weight, len(plan.rows)
     F = BLOCK
-    for k in range(12):  # what does not depend on the parameters, then term by term
+    for k in range(2 * R * (R + 1)):  # what does not depend on the parameters, then term by term
         for f in range(n):
             store(w, at.matrix + k * F + f, splat(plan.constant[first + f, k]))
     for e in range(entry.shape[0]):
-        row, order, of, gain = entry[e, 0], entry[e, 1], at.group + 2 * entry[e, 2] * F, load(w, at.gain + e)
-        for c in range(2):
+        row, order, group, gain = entry[e, 0], entry[e, 1], at.group + 2 * entry[e, 2] * F, load(w, at.gain + e)
+        for c in range(R):
             if weight[e, 1 + c] != 0.0:
-                to = at.matrix + (4 * row + 2 * c) * F
+                to = at.matrix + 2 * (R * row + c) * F
                 factor = splat(weight[e, 1 + c]) * gain
                 if order == 0:
                     for f in range(n):
-                        store(w, to + f, fma(factor, load(w, of + f), load(w, to + f)))
-                        store(w, to + F + f, fma(factor, load(w, of + F + f), load(w, to + F + f)))
+                        store(w, to + f, fma(factor, load(w, group + f), load(w, to + f)))
+                        store(w, to + F + f, fma(factor, load(w, group + F + f), load(w, to + F + f)))
                 elif order == 1:
                     for f in range(n):
-                        by = splat(omega[first + f]) * factor
-                        store(w, to + f, fnma(by, load(w, of + F + f), load(w, to + f)))
-                        store(w, to + F + f, fma(by, load(w, of + f), load(w, to + F + f)))
+                        rate = splat(omega[first + f]) * factor
+                        store(w, to + f, fnma(rate, load(w, group + F + f), load(w, to + f)))
+                        store(w, to + F + f, fma(rate, load(w, group + f), load(w, to + F + f)))
                 else:
                     for f in range(n):
-                        re, im = _times_s(load(w, of + f), load(w, of + F + f), order, omega[first + f])
+                        re, im = _times_s(load(w, group + f), load(w, group + F + f), order, omega[first + f])
                         store(w, to + f, fma(factor, re, load(w, to + f)))
                         store(w, to + F + f, fma(factor, im, load(w, to + F + f)))
-        to = at.matrix + (8 + 2 * row) * F
+        to = at.matrix + 2 * (R * R + row) * F
         for f in range(n):
-            share = weight[e, 3 + plan.stimulus[first + f]]
+            share = weight[e, 1 + R + plan.stimulus[first + f]]
             if share != 0.0:
                 factor = splat(-share) * gain
-                re, im = load(w, of + f), load(w, of + F + f)
+                re, im = load(w, group + f), load(w, group + F + f)
                 if order == 1:  # rounded as above
-                    by = splat(omega[first + f]) * factor
-                    store(w, to + f, fnma(by, im, load(w, to + f)))
-                    store(w, to + F + f, fma(by, re, load(w, to + F + f)))
+                    rate = splat(omega[first + f]) * factor
+                    store(w, to + f, fnma(rate, im, load(w, to + f)))
+                    store(w, to + F + f, fma(rate, re, load(w, to + F + f)))
                 else:
                     re, im = _times_s(re, im, order, omega[first + f])
                     store(w, to + f, fma(factor, re, load(w, to + f)))
@@ -277,39 +291,168 @@ def _equations(plan: Plan, work: Workspace, first, n):
 
 
 @inner(forceinline=True)
-def _solved(w, at):
-    """Inverse of A(s) by the adjugate, and H = A^-1 b, at one frequency, from slot ``at`` on."""
-    F = BLOCK
-    ar, ai = load(w, at), load(w, at + F)
-    br, bi = load(w, at + 2 * F), load(w, at + 3 * F)
-    cr, ci = load(w, at + 4 * F), load(w, at + 5 * F)
-    dr, di = load(w, at + 6 * F), load(w, at + 7 * F)
-    pr, pi = _times(ar, ai, dr, di)
-    qr, qi = _times(br, bi, cr, ci)
-    det_r, det_i = _inverse(pr - qr, pi - qi)
-    ar, ai = _times(ar, ai, det_r, det_i)
-    br, bi = _times(br, bi, det_r, det_i)
-    cr, ci = _times(cr, ci, det_r, det_i)
-    dr, di = _times(dr, di, det_r, det_i)
-    f0r, f0i = load(w, at + 8 * F), load(w, at + 9 * F)
-    f1r, f1i = load(w, at + 10 * F), load(w, at + 11 * F)
-    pr, pi = _times(dr, di, f0r, f0i)
-    qr, qi = _times(br, bi, f1r, f1i)
-    h0r, h0i = pr - qr, pi - qi
-    pr, pi = _times(ar, ai, f1r, f1i)
-    qr, qi = _times(cr, ci, f0r, f0i)
-    h1r, h1i = pr - qr, pi - qi
-    return ar, ai, br, bi, cr, ci, dr, di, h0r, h0i, h1r, h1i
+def _entry(w, at, k):
+    """Complex number ``k`` of those whose real parts begin at slot ``at``, each followed by its imaginary parts."""
+    return load(w, at + 2 * k * BLOCK), load(w, at + (2 * k + 1) * BLOCK)
 
 
 @inner(forceinline=True)
-def _residual(w, at, y0r, y0i, y1r, y1i):
-    """Weighted residual W (y - data) at one frequency, whose data and weights begin at slot ``at``."""
-    w00, w11, w10r, w10i = load(w, at + 4), load(w, at + 5), load(w, at + 6), load(w, at + 7)
-    e0r, e0i = y0r - load(w, at), y0i - load(w, at + 1)
-    e1r, e1i = y1r - load(w, at + 2), y1i - load(w, at + 3)
-    pr, pi = _times(w10r, w10i, e0r, e0i)
-    return w00 * e0r, w00 * e0i, fma(w11, e1r, pr), fma(w11, e1i, pi)
+def _keep(vector, k, re, im):
+    """Complex number ``k`` of registers."""
+    store(vector, 2 * k, re)
+    store(vector, 2 * k + 1, im)
+
+
+@inner(forceinline=True)
+def _kept(vector, k):
+    """Complex number ``k`` of registers."""
+    return load(vector, 2 * k), load(vector, 2 * k + 1)
+
+
+@inner(forceinline=True)
+def _minor(w, at, k, m, p, q):
+    """Entries k m - p q of the matrix at slot ``at``."""
+    kr, ki = _entry(w, at, k)
+    mr, mi = _entry(w, at, m)
+    pr, pi = _entry(w, at, p)
+    qr, qi = _entry(w, at, q)
+    re, im = _times(kr, ki, mr, mi)
+    pr, pi = _times(pr, pi, qr, qi)
+    return re - pr, im - pi
+
+
+@inner(forceinline=True)
+def _inverse_of_two(w, at, inverse):
+    """Of a matrix of two rows."""
+    det_r, det_i = _minor(w, at, 0, 3, 1, 2)
+    det_r, det_i = _inverse(det_r, det_i)
+    for k in range(4):
+        entry = k if k == 1 or k == 2 else 3 - k
+        re, im = _entry(w, at, entry)
+        re, im = _times(re, im, det_r, det_i)
+        if k == 1 or k == 2:
+            re, im = negative(re), negative(im)
+        _keep(inverse, k, re, im)
+
+
+@inner(forceinline=True)
+def _inverse_of_three(w, at, inverse):
+    """Of a matrix of three rows, by cofactors; with the next two rows and columns in turn, none changes its sign."""
+    for row in range(3):
+        for c in range(3):
+            i, j, k, m = 3 * ((row + 1) % 3), 3 * ((row + 2) % 3), (c + 1) % 3, (c + 2) % 3
+            re, im = _minor(w, at, i + k, j + m, i + m, j + k)
+            _keep(inverse, 3 * c + row, re, im)
+    _divided(w, at, 3, inverse)
+
+
+@inner(forceinline=True)
+def _inverse_of_four(w, at, inverse):
+    """Of a matrix of four rows: cofactors by the minors of two rows.
+
+    Of the rows 0 and 1 and of the rows 2 and 3, minors of column c with the next one, then with the one after that.
+    A cofactor of a row is that of its partner times the minors of the other pair.
+    """
+    minors = registers()
+    for pair in range(2):
+        for apart in range(2):
+            for c in range(4):
+                m = (c + 1 + apart) % 4
+                re, im = _minor(w, at, 8 * pair + c, 8 * pair + 4 + m, 8 * pair + m, 8 * pair + 4 + c)
+                _keep(minors, 8 * pair + 4 * apart + c, re, im)
+    for row in range(4):
+        for c in range(4):
+            re, im = splat(0.0), splat(0.0)
+            for k in range(3):
+                # columns in turn: c + 1 with those after it, c + 2 with c + 3 and c + 1, c + 3 with c + 1 and c + 2
+                minor = 4 + (c + 3) % 4 if k == 1 else (c + 2 - k // 2) % 4
+                mr, mi = _kept(minors, 8 * (1 - row // 2) + minor)
+                ar, ai = _entry(w, at, 4 * (row ^ 1) + (c + 1 + k) % 4)
+                pr, pi = _times(ar, ai, mr, mi)
+                re, im = re + pr, im + pi
+            if (row + c) % 2 == 1:
+                re, im = negative(re), negative(im)
+            _keep(inverse, 4 * c + row, re, im)
+    _divided(w, at, 4, inverse)
+
+
+@inner(forceinline=True)
+def _divided(w, at, R, inverse):
+    """The adjugate by the determinant, which is the product of the first row with the first column."""
+    det_r, det_i = splat(0.0), splat(0.0)
+    for c in range(R):
+        ar, ai = _entry(w, at, c)
+        mr, mi = _kept(inverse, R * c)
+        pr, pi = _times(ar, ai, mr, mi)
+        det_r, det_i = det_r + pr, det_i + pi
+    det_r, det_i = _inverse(det_r, det_i)
+    for k in range(R * R):
+        mr, mi = _kept(inverse, k)
+        mr, mi = _times(mr, mi, det_r, det_i)
+        _keep(inverse, k, mr, mi)
+
+
+@inner(forceinline=True)
+def _solved(plan: Plan, work: Workspace, f, inverse, response, measured):
+    """Inverse of A(s) by the adjugate, H = A^-1 b, and H after the output filters, at one frequency of a block."""
+    w, at, output, R = work.w, work.at.matrix + f, plan.filters.output, len(plan.rows)
+    if R == 1:
+        re, im = _entry(w, at, 0)
+        re, im = _inverse(re, im)
+        _keep(inverse, 0, re, im)
+    elif R == 2:
+        _inverse_of_two(w, at, inverse)
+    elif R == 3:
+        _inverse_of_three(w, at, inverse)
+    else:
+        _inverse_of_four(w, at, inverse)
+    filters = work.at.filter + f * work.at.filter_stride
+    for a in range(R):
+        re, im = splat(0.0), splat(0.0)
+        for k in range(R):
+            mr, mi = _kept(inverse, R * a + k)
+            br, bi = _entry(w, at, R * R + k)
+            pr, pi = _times(mr, mi, br, bi)
+            re, im = re + pr, im + pi
+        _keep(response, a, re, im)
+        re, im = _through(w, filters, output[a], re, im)
+        _keep(measured, a, re, im)
+
+
+@inner(forceinline=True)
+def _factor(w, data, R, a, j):
+    """Entry (a, j), j < a, of the weights of a frequency whose data begin at slot ``data``."""
+    slot = data + 3 * R + a * (a - 1) + 2 * j
+    return load(w, slot), load(w, slot + 1)
+
+
+@inner(forceinline=True)
+def _weighted(w, data, rows, vector, a):
+    """Row ``a`` of the weights of a frequency, whose data begin at slot ``data``, times numbers in registers."""
+    R, re, im = len(rows), splat(0.0), splat(0.0)
+    for j in range(R):
+        if j < a:
+            lr, li = _factor(w, data, R, a, j)
+            vr, vi = _kept(vector, j)
+            pr, pi = _times(lr, li, vr, vi)
+            re, im = re + pr, im + pi
+    diagonal = load(w, data + 2 * R + a)
+    vr, vi = _kept(vector, a)
+    return fma(diagonal, vr, re), fma(diagonal, vi, im)
+
+
+@inner(forceinline=True)
+def _residual(w, data, rows, measured, residual, cost):
+    """Weighted residual L (H - data) of a frequency into registers; returns the cost with its square."""
+    R = len(rows)
+    for a in range(R):
+        vr, vi = _kept(measured, a)
+        _keep(measured, a, vr - load(w, data + 2 * a), vi - load(w, data + 2 * a + 1))
+    for a in range(R):
+        re, im = _weighted(w, data, rows, measured, a)
+        _keep(residual, a, re, im)
+        cost = fma(im, im, fma(re, re, cost))
+    return cost
 
 
 @inner
@@ -354,16 +497,16 @@ def _through(w, at, k, re, im):
 
 
 @inner(forceinline=True)
-def _gather(w, to, of, factor, first, n):
+def _gather(w, to, source, factor, first, n):
     """Set (``first``) or add ``factor`` times complex numbers at ``n`` frequencies."""
     if first != 0:
         for f in range(n):
-            store(w, to + f, factor * load(w, of + f))
-            store(w, to + BLOCK + f, factor * load(w, of + BLOCK + f))
+            store(w, to + f, factor * load(w, source + f))
+            store(w, to + BLOCK + f, factor * load(w, source + BLOCK + f))
     else:
         for f in range(n):
-            store(w, to + f, fma(factor, load(w, of + f), load(w, to + f)))
-            store(w, to + BLOCK + f, fma(factor, load(w, of + BLOCK + f), load(w, to + BLOCK + f)))
+            store(w, to + f, fma(factor, load(w, source + f), load(w, to + f)))
+            store(w, to + BLOCK + f, fma(factor, load(w, source + BLOCK + f), load(w, to + BLOCK + f)))
 
 
 @inner(forceinline=True)
@@ -379,26 +522,23 @@ def _products(w, to, left, right, n):
 @inner(forceinline=True)
 def _filtered_output(plan: Plan, work: Workspace, first, f, q, column):
     """Add to one column, at one frequency, what the parameter of pair ``q`` does to the angles by an output filter."""
-    w, F, number, output = work.w, BLOCK, plan.filters.pair[q, 0], plan.filters.output
-    weight, filters = work.data + 8 * (first + f) + 4, work.at.filter + f * work.at.filter_stride
-    w00, w11, w10r, w10i = load(w, weight), load(w, weight + 1), load(w, weight + 2), load(w, weight + 3)
+    w, F, R, number, output = work.w, BLOCK, len(plan.rows), plan.filters.pair[q, 0], plan.filters.output
+    data, filters = work.data + R * (R + 2) * (first + f), work.at.filter + f * work.at.filter_stride
     slope = work.at.slope + f * work.at.filter_stride + 4 * q
     sr, si = load(w, slope), load(w, slope + 1)
-    if output[0] == number:
-        own = work.at.response + f
-        yr, yi = _through(w, filters, number, load(w, own), load(w, own + F))
-        pr, pi = _times(yr, yi, sr, si)
-        qr, qi = _times(w10r, w10i, pr, pi)
-        _add(w, column, w00 * pr)
-        _add(w, column + F, w00 * pi)
-        _add(w, column + 2 * F, qr)
-        _add(w, column + 3 * F, qi)
-    if output[1] == number:
-        own = work.at.response + 2 * F + f
-        yr, yi = _through(w, filters, number, load(w, own), load(w, own + F))
-        pr, pi = _times(yr, yi, sr, si)
-        _add(w, column + 2 * F, w11 * pr)
-        _add(w, column + 3 * F, w11 * pi)
+    for a in range(R):
+        if output[a] == number:
+            re, im = _entry(w, work.at.response + f, a)
+            re, im = _through(w, filters, number, re, im)
+            pr, pi = _times(re, im, sr, si)
+            diagonal = load(w, data + 2 * R + a)
+            _add(w, column + 2 * a * F, diagonal * pr)
+            _add(w, column + (2 * a + 1) * F, diagonal * pi)
+            for k in range(a + 1, R):
+                lr, li = _factor(w, data, R, k, a)
+                qr, qi = _times(lr, li, pr, pi)
+                _add(w, column + 2 * k * F, qr)
+                _add(w, column + (2 * k + 1) * F, qi)
 
 
 @inner(forceinline=True)
@@ -408,97 +548,113 @@ def _triangle(p, q):
 
 
 @inner(forceinline=True)
+def _pair(k, m):
+    """Place of the pair of different rows (k, m) among all pairs."""
+    return max(k, m) * (max(k, m) - 1) // 2 + min(k, m)
+
+
+@inner(forceinline=True)
 def _cleared(plan: Plan, work: Workspace):
-    """Begin the sums over all frequencies at zero, and the places of the tiles that no parameter takes."""
-    w, at, single, P = work.w, work.at, plan.single, plan.column.shape[0]
-    W, stride, zero = single.shape[1], 2 * BLOCK, splat(0.0)
-    for k in range((P + 1) * (P + 2) // 2):
+    """Begin the sums over all frequencies, and set the places of the tiles that no parameter takes to zero.
+
+    The cost begins at the part that no parameter changes.
+    """
+    w, at, single, P, R = work.w, work.at, plan.single, plan.column.shape[0], len(plan.rows)
+    W, stride, zero, triangle = single.shape[1], 2 * BLOCK, splat(0.0), (P + 1) * (P + 2) // 2
+    for k in range(triangle - 1):
         store(w, work.gram_trial + k, zero)
-    for k in range(9 * (W // TILE) * (2 * (W // TILE) + 1)):
+    store(w, work.gram_trial + triangle - 1, load(w, work.data + R * (R + 2) * plan.omega.shape[0]))
+    for k in range(TILE * TILE * (R * W // TILE) * (R * W // TILE + 1) // 2):
         store(w, at.tiles + k, zero)
-    for k in range(2 * W):
-        if single[k // W, k % W] < 0:
+    for k in range(R * W):
+        row, i = k // W, k % W
+        if single[row, i] < 0:
             for f in range(stride):
                 store(w, at.torque + k * stride + f, zero)
-                if k >= W:
-                    store(w, at.cross + (k - W) * stride + f, zero)
+                for other in range(row):
+                    store(w, at.cross + (_pair(row, other) * W + i) * stride + f, zero)
 
 
 @inner(forceinline=True)
 def _residuals(plan: Plan, work: Workspace, first, n):
-    """Responses H, weighted residuals r = W (H - y), and B = -W A^-1, what a torque on each row does to them.
+    """Responses H, weighted residuals r = L (H - y), and B = -L A^-1, what a torque on each row does to them.
 
-    Columns of B have unit length, with the length kept by itself; rho is their product. The cost goes to its slot.
+    Columns of B have unit length, with the length kept by itself; rho are their products. The cost goes to its slot.
     """
-    w, at, P, output = work.w, work.at, plan.column.shape[0], plan.filters.output
+    w, at, P, R, rows, output = work.w, work.at, plan.column.shape[0], len(plan.rows), plan.rows, plan.filters.output
     F, zero = BLOCK, splat(0.0)
-    stride = 2 * F
+    inverse, response, measured, residual, column = registers(), registers(), registers(), registers(), registers()
     at_cost = work.gram_trial + (P + 1) * (P + 2) // 2 - 1
     cost = load(w, at_cost)
     for f in range(n):
-        # H = A^-1 b; M = A^-1 with the output filters on its rows
-        ar, ai, br, bi, cr, ci, dr, di, h0r, h0i, h1r, h1i = _solved(w, at.matrix + f)
-        store(w, at.response + f, h0r)
-        store(w, at.response + F + f, h0i)
-        store(w, at.response + 2 * F + f, h1r)
-        store(w, at.response + 3 * F + f, h1i)
-        of = at.filter + f * at.filter_stride
-        y0r, y0i = _through(w, of, output[0], h0r, h0i)
-        m00r, m00i = _through(w, of, output[0], dr, di)
-        m01r, m01i = _through(w, of, output[0], negative(br), negative(bi))
-        y1r, y1i = _through(w, of, output[1], h1r, h1i)
-        m10r, m10i = _through(w, of, output[1], negative(cr), negative(ci))
-        m11r, m11i = _through(w, of, output[1], ar, ai)
-
-        of = work.data + 8 * (first + f)
-        w00, w11, w10r, w10i = load(w, of + 4), load(w, of + 5), load(w, of + 6), load(w, of + 7)
-        r0r, r0i, r1r, r1i = _residual(w, of, y0r, y0i, y1r, y1i)
-        cost = fma(r1i, r1i, fma(r1r, r1r, fma(r0i, r0i, fma(r0r, r0r, cost))))
-        for row in range(2):
-            if row == 1:
-                m00r, m00i, m10r, m10i = m01r, m01i, m11r, m11i
-            pr, pi = _times(w10r, w10i, m00r, m00i)
-            b0r, b0i = negative(w00 * m00r), negative(w00 * m00i)
-            b1r, b1i = negative(fma(w11, m10r, pr)), negative(fma(w11, m10i, pi))
-            square = fma(b1i, b1i, fma(b1r, b1r, fma(b0i, b0i, b0r * b0r)))
+        _solved(plan, work, f, inverse, response, measured)
+        data, filters = work.data + R * (R + 2) * (first + f), at.filter + f * at.filter_stride
+        cost = _residual(w, data, rows, measured, residual, cost)
+        for a in range(R):
+            re, im = _kept(response, a)
+            store(w, at.response + 2 * a * F + f, re)
+            store(w, at.response + (2 * a + 1) * F + f, im)
+            if plan.both.shape[0] > 0:
+                re, im = _kept(residual, a)
+                store(w, at.residual + 2 * a * F + f, re)
+                store(w, at.residual + (2 * a + 1) * F + f, im)
+        for row in range(R):
+            for a in range(R):  # a column of A^-1 with the output filters on its rows
+                re, im = _kept(inverse, R * a + row)
+                re, im = _through(w, filters, output[a], re, im)
+                _keep(measured, a, re, im)
+            square = zero
+            for a in range(R):
+                re, im = _weighted(w, data, rows, measured, a)
+                re, im = negative(re), negative(im)
+                _keep(column, a, re, im)
+                square = fma(im, im, fma(re, re, square))
             norm = root(square)
-            scale = where_less(zero, square, splat(1.0) / norm, zero)  # a padded row moves nothing
-            b0r, b0i, b1r, b1i = scale * b0r, scale * b0i, scale * b1r, scale * b1i
+            scale = where_less(zero, square, splat(1.0) / norm, zero)  # what no output feels moves nothing
             store(w, at.length + row * F + f, norm)
-            to = at.projection + row * stride + f
-            store(w, to, fma(b1i, r1i, fma(b1r, r1r, fma(b0i, r0i, b0r * r0r))))
-            store(w, to + F, fnma(b1i, r1r, fma(b1r, r1i, fnma(b0i, r0r, b0r * r0i))))
-            to = at.direction + 4 * row * F + f
-            store(w, to, b0r)
-            store(w, to + F, b0i)
-            store(w, to + 2 * F, b1r)
-            store(w, to + 3 * F, b1i)
-            if row == 0:
-                c0r, c0i, c1r, c1i = b0r, b0i, b1r, b1i
-            else:  # b_0^H b_1
-                store(w, at.rho + f, fma(c1i, b1i, fma(c1r, b1r, fma(c0i, b0i, c0r * b0r))))
-                store(w, at.rho + F + f, fnma(c1i, b1r, fma(c1r, b1i, fnma(c0i, b0r, c0r * b0i))))
-        if plan.both.shape[0] > 0:
-            store(w, at.residual + f, r0r)
-            store(w, at.residual + F + f, r0i)
-            store(w, at.residual + 2 * F + f, r1r)
-            store(w, at.residual + 3 * F + f, r1i)
+            re, im = zero, zero
+            for a in range(R):
+                br, bi = _kept(column, a)
+                br, bi = scale * br, scale * bi
+                _keep(column, a, br, bi)
+                to = at.direction + 2 * (R * row + a) * F + f
+                store(w, to, br)
+                store(w, to + F, bi)
+                rr, ri = _kept(residual, a)
+                re = fma(bi, ri, fma(br, rr, re))
+                im = fnma(bi, rr, fma(br, ri, im))
+            store(w, at.projection + 2 * row * F + f, re)
+            store(w, at.projection + (2 * row + 1) * F + f, im)
+            for other in range(R):  # b_other^H b_row
+                if other < row:
+                    re, im = zero, zero
+                    for a in range(R):
+                        cr, ci = _entry(w, at.direction + f, R * other + a)
+                        br, bi = _kept(column, a)
+                        re = fma(ci, bi, fma(cr, br, re))
+                        im = fnma(ci, br, fma(cr, bi, im))
+                    to = at.rho + 2 * _pair(row, other) * F + f
+                    store(w, to, re)
+                    store(w, to + F, im)
     store(w, at_cost, cost)
 
 
 @inner(forceinline=True)
 def _sensed(plan: Plan, work: Workspace, first, n):
     """What each distinct (row, sense) passes on, times the length of the row's column of B."""
-    w, at, sensed_weight = work.w, work.at, plan.sensed_weight
+    w, at, sensed_weight, R = work.w, work.at, plan.sensed_weight, len(plan.rows)
     F = BLOCK
     for c in range(plan.sensed.shape[0]):
-        w0, w1 = splat(sensed_weight[c, 0]), splat(sensed_weight[c, 1])
         for f in range(n):
-            w2 = splat(sensed_weight[c, 2 + plan.stimulus[first + f]])
-            of, to = at.response + f, at.sensed + 2 * c * F + f
-            norm = load(w, at.length + plan.sensed[c] * F + f)
-            store(w, to, norm * fma(w0, load(w, of), fma(w1, load(w, of + 2 * F), w2)))
-            store(w, to + F, norm * fma(w0, load(w, of + F), w1 * load(w, of + 3 * F)))
+            re, im = splat(sensed_weight[c, R + plan.stimulus[first + f]]), splat(0.0)
+            for k in range(R):
+                a = R - 1 - k
+                hr, hi = _entry(w, at.response + f, a)
+                share = splat(sensed_weight[c, a])
+                re, im = fma(share, hr, re), fma(share, hi, im)
+            to, norm = at.sensed + 2 * c * F + f, load(w, at.length + plan.sensed[c] * F + f)
+            store(w, to, norm * re)
+            store(w, to + F, norm * im)
 
 
 @inner(forceinline=True)
@@ -506,24 +662,24 @@ def _gain_torques(plan: Plan, work: Workspace, first, n):
     """Torques of the gains, term by term, and the sum of the terms of each group that a delay or filter shapes."""
     w, x, at = work.w, work.trial, work.at
     entry, weight, column, cleared = plan.entry, plan.weight, plan.column, plan.cleared
-    F = BLOCK
+    F, R = BLOCK, len(plan.rows)
     stride = 2 * F
     for k in range(cleared.shape[0]):
         for f in range(stride):
             store(w, at.torque + cleared[k] * stride + f, splat(0.0))
     for e in range(entry.shape[0]):
         row, order, group, p = entry[e, 0], entry[e, 1], entry[e, 2], entry[e, 3]
-        of, z = at.group + group * stride, at.sensed + entry[e, 5] * stride
+        shape, z = at.group + group * stride, at.sensed + entry[e, 5] * stride
         direct = entry[e, 8] != 0 and entry[e, 4] < 0 and weight[e, 0] == 1.0
         to = at.torque + column[p, row] * stride if direct else at.product
         if order == 0:
             for f in range(n):
-                pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, z + f), load(w, z + F + f))
+                pr, pi = _times(load(w, shape + f), load(w, shape + F + f), load(w, z + f), load(w, z + F + f))
                 store(w, to + f, pr)
                 store(w, to + F + f, pi)
         else:
             for f in range(n):
-                pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, z + f), load(w, z + F + f))
+                pr, pi = _times(load(w, shape + f), load(w, shape + F + f), load(w, z + f), load(w, z + F + f))
                 pr, pi = _times_s(pr, pi, order, plan.omega[first + f])
                 store(w, to + f, pr)
                 store(w, to + F + f, pi)
@@ -537,69 +693,85 @@ def _gain_torques(plan: Plan, work: Workspace, first, n):
                         factor = factor * load(w, x + other)
                     _gather(w, at.torque + column[p, row] * stride, to, factor, entry[e, 5 + g], n)
         if entry[e, 6] != 0:
-            _gather(w, at.group_sum + (2 * group + row) * stride, to, load(w, at.gain + e), entry[e, 7], n)
+            _gather(w, at.group_sum + (R * group + row) * stride, to, load(w, at.gain + e), entry[e, 7], n)
 
 
 @inner(forceinline=True)
 def _group_torques(plan: Plan, work: Workspace, first, n):
     """Torques of delays and filters, through the sums of their groups."""
-    w, at, omega, column = work.w, work.at, plan.omega, plan.column
-    group_delay, delay_first, filter_pair = plan.group_delay, plan.delay_first, plan.filters.pair
-    F = BLOCK
-    stride = 2 * F
-    for g in range(group_delay.shape[0]):
-        for row in range(2):
-            if delay_first[g, 0, row] < 0:
-                continue
-            of = at.group_sum + (2 * g + row) * stride
-            for k in range(2):
-                p = group_delay[g, k]
-                if p < 0:
-                    continue
-                to = at.torque + column[p, row] * stride
-                if delay_first[g, k, row] == 1:
-                    for f in range(n):
-                        om = splat(omega[first + f])
-                        store(w, to + f, om * load(w, of + F + f))
-                        store(w, to + F + f, negative(om * load(w, of + f)))
-                else:
-                    for f in range(n):
-                        om = splat(omega[first + f])
-                        store(w, to + f, fma(om, load(w, of + F + f), load(w, to + f)))
-                        store(w, to + F + f, fnma(om, load(w, of + f), load(w, to + F + f)))
-            for q in range(filter_pair.shape[0]):
-                for c in range(4):
-                    if plan.group_filters[g, c] == filter_pair[q, 0]:
-                        to = at.torque + column[filter_pair[q, 1], row] * stride
-                        for f in range(n):
-                            own = at.slope + f * at.filter_stride + 4 * q
-                            pr, pi = _times(load(w, of + f), load(w, of + F + f), load(w, own), load(w, own + 1))
-                            _add(w, to + f, pr)
-                            _add(w, to + F + f, pi)
+    at, R = work.at, len(plan.rows)
+    for g in range(plan.group_delay.shape[0]):
+        for row in range(R):
+            if plan.delay_first[g, 0, row] >= 0:
+                total = at.group_sum + 2 * (R * g + row) * BLOCK
+                _delay_torques(plan, work, first, n, g, row, total)
+                _filter_torques(plan, work, n, g, row, total)
+
+
+@inner(forceinline=True)
+def _delay_torques(plan: Plan, work: Workspace, first, n, g, row, total):
+    """Torques of the delays of group ``g`` in a row, whose sum lies at slot ``total``."""
+    w, F, omega = work.w, BLOCK, plan.omega
+    for k in range(2):
+        p = plan.group_delay[g, k]
+        if p < 0:
+            continue
+        to = work.at.torque + 2 * plan.column[p, row] * F
+        if plan.delay_first[g, k, row] == 1:
+            for f in range(n):
+                om = splat(omega[first + f])
+                store(w, to + f, om * load(w, total + F + f))
+                store(w, to + F + f, negative(om * load(w, total + f)))
+        else:
+            for f in range(n):
+                om = splat(omega[first + f])
+                store(w, to + f, fma(om, load(w, total + F + f), load(w, to + f)))
+                store(w, to + F + f, fnma(om, load(w, total + f), load(w, to + F + f)))
+
+
+@inner(forceinline=True)
+def _filter_torques(plan: Plan, work: Workspace, n, g, row, total):
+    """Torques of the parameters of the filters of group ``g`` in a row, whose sum lies at slot ``total``."""
+    w, F, at, filter_pair = work.w, BLOCK, work.at, plan.filters.pair
+    for q in range(filter_pair.shape[0]):
+        for c in range(4):
+            if plan.group_filters[g, c] == filter_pair[q, 0]:
+                to = at.torque + 2 * plan.column[filter_pair[q, 1], row] * F
+                for f in range(n):
+                    slope = at.slope + f * at.filter_stride + 4 * q
+                    pr, pi = _times(load(w, total + f), load(w, total + F + f), load(w, slope), load(w, slope + 1))
+                    _add(w, to + f, pr)
+                    _add(w, to + F + f, pi)
 
 
 @inner(forceinline=True)
 def _row_products(plan: Plan, work: Workspace, n):
     """Products among parameters that act on a single row, and with the residual."""
-    w, at, single, P = work.w, work.at, plan.single, plan.column.shape[0]
+    w, at, single, P, R = work.w, work.at, plan.single, plan.column.shape[0], len(plan.rows)
     F, W = BLOCK, single.shape[1]
     stride, T = 2 * F, W // TILE
-    for i in range(W):
-        if single[1, i] >= 0:
-            of, to = at.torque + (W + i) * stride, at.cross + i * stride
-            for f in range(n):
-                pr, pi = _times(load(w, at.rho + f), load(w, at.rho + F + f), load(w, of + f), load(w, of + F + f))
-                store(w, to + f, pr)
-                store(w, to + F + f, pi)
+    for row in range(1, R):
+        for other in range(row):
+            pair = _pair(row, other)
+            rho = at.rho + pair * stride
+            for i in range(W):
+                if single[row, i] >= 0:
+                    torque, to = at.torque + (row * W + i) * stride, at.cross + (pair * W + i) * stride
+                    for f in range(n):
+                        rr, ri = load(w, rho + f), load(w, rho + F + f)
+                        pr, pi = _times(rr, ri, load(w, torque + f), load(w, torque + F + f))
+                        store(w, to + f, pr)
+                        store(w, to + F + f, pi)
     tile = at.tiles
-    for i in range(2 * T):
+    for i in range(R * T):
         for j in range(i + 1):
+            row, other = i // T, j // T
             left = at.torque + TILE * i * stride
-            if i >= T and j < T:
-                left = at.cross + TILE * (i - T) * stride
+            if row != other:
+                left = at.cross + (_pair(row, other) * W + TILE * (i - row * T)) * stride
             _tile(w, left, at.torque + TILE * j * stride, tile, stride, n)
-            tile += 9
-    for k in range(2 * W):
+            tile += TILE * TILE
+    for k in range(R * W):
         j = single[k // W, k % W]
         if j >= 0:
             to = work.gram_trial + P * (P + 1) // 2 + j
@@ -607,63 +779,74 @@ def _row_products(plan: Plan, work: Workspace, n):
 
 
 @inner(forceinline=True)
+def _whole_column(plan: Plan, work: Workspace, first, n, c):
+    """Column of the Jacobian of a parameter in ``plan.both``, and what of it each row's column of B feels."""
+    w, at, filter_pair, R = work.w, work.at, plan.filters.pair, len(plan.rows)
+    F = BLOCK
+    whole = at.column + 4 * R * c * F
+    for f in range(n):
+        for a in range(R):
+            re, im = splat(0.0), splat(0.0)
+            for row in range(R):
+                br, bi = _entry(w, at.direction + f, R * row + a)
+                tr, ti = _entry(w, at.torque + f, R * plan.single.shape[1] + R * c + row)
+                pr, pi = _times(br, bi, tr, ti)
+                re, im = re + pr, im + pi
+            store(w, whole + 2 * a * F + f, re)
+            store(w, whole + (2 * a + 1) * F + f, im)
+    for q in range(filter_pair.shape[0]):
+        if filter_pair[q, 1] == plan.both[c]:
+            for f in range(n):
+                _filtered_output(plan, work, first, f, q, whole + f)
+    for f in range(n):
+        for row in range(R):
+            re, im = splat(0.0), splat(0.0)
+            for a in range(R):
+                br, bi = _entry(w, at.direction + f, R * row + a)
+                cr, ci = _entry(w, whole + f, a)
+                re = fma(bi, ci, fma(br, cr, re))
+                im = fnma(bi, cr, fma(br, ci, im))
+            store(w, whole + 2 * (R + row) * F + f, re)
+            store(w, whole + (2 * (R + row) + 1) * F + f, im)
+
+
+@inner(forceinline=True)
 def _column_products(plan: Plan, work: Workspace, first, n):
-    """Whole columns, of the parameters that act on both rows or on the output, and their products with all others."""
-    w, at, single, both, filter_pair = work.w, work.at, plan.single, plan.both, plan.filters.pair
-    F, W, P, gram = BLOCK, single.shape[1], plan.column.shape[0], work.gram_trial
-    stride = 2 * F
+    """Whole columns, of parameters that act on several rows or on the output, and their products with all others."""
+    w, at, single, both, R = work.w, work.at, plan.single, plan.both, len(plan.rows)
+    W, P, stride = single.shape[1], plan.column.shape[0], 2 * BLOCK
+    gradient = work.gram_trial + P * (P + 1) // 2
     for c in range(both.shape[0]):
-        p, whole = both[c], at.column + 8 * c * F
-        of = at.torque + (2 * W + 2 * c) * stride
-        for f in range(n):
-            for k in range(2):
-                own = at.direction + 2 * k * F + f
-                pr, pi = _times(load(w, own), load(w, own + F), load(w, of + f), load(w, of + F + f))
-                own += 4 * F
-                qr, qi = _times(load(w, own), load(w, own + F), load(w, of + stride + f), load(w, of + stride + F + f))
-                store(w, whole + k * stride + f, pr + qr)
-                store(w, whole + k * stride + F + f, pi + qi)
-        for q in range(filter_pair.shape[0]):
-            if filter_pair[q, 1] == p:
-                for f in range(n):
-                    _filtered_output(plan, work, first, f, q, whole + f)
-        for f in range(n):
-            c0r, c0i = load(w, whole + f), load(w, whole + F + f)
-            c1r, c1i = load(w, whole + 2 * F + f), load(w, whole + 3 * F + f)
-            for row in range(2):
-                own = at.direction + 4 * row * F + f
-                b0r, b0i, b1r, b1i = load(w, own), load(w, own + F), load(w, own + 2 * F), load(w, own + 3 * F)
-                to = whole + (4 + 2 * row) * F + f
-                store(w, to, fma(b1i, c1i, fma(b1r, c1r, fma(b0i, c0i, b0r * c0r))))
-                store(w, to + F, fnma(b1i, c1r, fma(b1r, c1i, fnma(b0i, c0r, b0r * c0i))))
-        for k in range(2 * W):
+        p, whole = both[c], at.column + 2 * R * c * stride
+        _whole_column(plan, work, first, n, c)
+        for k in range(R * W):
             j = single[k // W, k % W]
             if j >= 0:
-                to = gram + _triangle(p, j)
-                _products(w, to, whole + (4 + 2 * (k // W)) * F, at.torque + k * stride, n)
+                to = work.gram_trial + _triangle(p, j)
+                _products(w, to, whole + (R + k // W) * stride, at.torque + k * stride, n)
         for other in range(c + 1):
-            to, right = gram + _triangle(p, both[other]), at.column + 8 * other * F
-            _products(w, to, whole, right, n)
-            _products(w, to, whole + stride, right + stride, n)
-        _products(w, gram + P * (P + 1) // 2 + p, whole, at.residual, n)
-        _products(w, gram + P * (P + 1) // 2 + p, whole + stride, at.residual + stride, n)
+            to, right = work.gram_trial + _triangle(p, both[other]), at.column + 2 * R * other * stride
+            for a in range(R):
+                _products(w, to, whole + a * stride, right + a * stride, n)
+        for a in range(R):
+            _products(w, gradient + p, whole + a * stride, at.residual + a * stride, n)
 
 
 @inner(forceinline=True)
 def _placed(plan: Plan, work: Workspace):
     """The tiles into their places of the lower triangle."""
-    w, single = work.w, plan.single
+    w, single, R = work.w, plan.single, len(plan.rows)
     W = single.shape[1]
     tile = work.at.tiles
-    for i in range(2 * W // TILE):
+    for i in range(R * W // TILE):
         for j in range(i + 1):
-            for k in range(9):
+            for k in range(TILE * TILE):
                 a, b = TILE * i + k // TILE, TILE * j + k % TILE
                 if a >= b:
                     p, q = single[a // W, a % W], single[b // W, b % W]
                     if p >= 0 and q >= 0:
                         store(w, work.gram_trial + _triangle(p, q), load(w, tile + k))
-            tile += 9
+            tile += TILE * TILE
 
 
 @compiled(allocates=False, seconds=8)
@@ -673,11 +856,12 @@ def evaluate(plan: Plan, work: Workspace) -> None:
     ``work.gram_trial`` receives the lower triangle, row by row, of [J r]^T [J r]: P (P + 1) / 2 slots of J^T J, then P
     of the gradient J^T r, then the cost r^T r.
 
-    A parameter moves the residual through the torques it makes: J_p = B t_p, with B (2 x 2) the same for all. Most
+    A parameter moves the residual through the torques it makes: J_p = B t_p, with B (R x R) the same for all. Most
     parameters act on a single row k: J_p = b_k t_p with one complex number t_p and b_k the column of B scaled to unit
     length (t_p takes the length). Their products are Re(conj(t_p) t_q) within a row and Re(conj(t_p) rho t_q) between
-    rows, rho = b_1^H b_0: half the work of whole columns. ``plan.single`` lists these parameters; the few others
-    (``plan.both``) and the residual are whole columns. ``plan.column`` says where t of a (parameter, row) is kept.
+    rows, rho = b_k^H b_m: a share 1 / R of the work of whole columns. ``plan.single`` lists these parameters; the few
+    others (``plan.both``) and the residual are whole columns. ``plan.column`` says where t of a (parameter, row) is
+    kept.
     """
     _cleared(plan, work)
     _gains(plan, work)
@@ -697,21 +881,18 @@ def evaluate(plan: Plan, work: Workspace) -> None:
 @compiled(allocates=False, seconds=3)
 def evaluate_cost(plan: Plan, work: Workspace) -> None:
     """The cost alone at the parameters in ``work.trial``, as `evaluate` computes it, to the last slot of its sums."""
-    w, at, P, output = work.w, work.at, plan.column.shape[0], plan.filters.output
+    P, R, N = plan.column.shape[0], len(plan.rows), plan.omega.shape[0]
+    inverse, response, measured, residual = registers(), registers(), registers(), registers()
     _gains(plan, work)
-    cost = splat(0.0)
-    for first in range(0, plan.omega.shape[0], BLOCK):
-        n = min(BLOCK, plan.omega.shape[0] - first)
+    cost = load(work.w, work.data + R * (R + 2) * N)
+    for first in range(0, N, BLOCK):
+        n = min(BLOCK, N - first)
         _groups(plan, work, first, n)
         _equations(plan, work, first, n)
         for f in range(n):
-            _, _, _, _, _, _, _, _, y0r, y0i, y1r, y1i = _solved(w, at.matrix + f)
-            of = at.filter + f * at.filter_stride
-            y0r, y0i = _through(w, of, output[0], y0r, y0i)
-            y1r, y1i = _through(w, of, output[1], y1r, y1i)
-            r0r, r0i, r1r, r1i = _residual(w, work.data + 8 * (first + f), y0r, y0i, y1r, y1i)
-            cost = fma(r1i, r1i, fma(r1r, r1r, fma(r0i, r0i, fma(r0r, r0r, cost))))
-    store(w, work.gram_trial + (P + 1) * (P + 2) // 2 - 1, cost)
+            _solved(plan, work, f, inverse, response, measured)
+            cost = _residual(work.w, work.data + R * (R + 2) * (first + f), plan.rows, measured, residual, cost)
+    store(work.w, work.gram_trial + (P + 1) * (P + 2) // 2 - 1, cost)
 
 
 # --- one step of eight fits ---
@@ -736,10 +917,10 @@ def _solve(w, matrix, right, n):
                 store(w, row + j, fnma(factor, load(w, column + j * (j + 1) // 2), load(w, row + j)))
         store(w, right + k, last * inverse)
     for i in range(n - 1, 0, -1):  # back substitution; (i, k) still holds the product with the pivot of k
-        row, found = matrix + i * (i + 1) // 2, load(w, right + i)
+        row, solution = matrix + i * (i + 1) // 2, load(w, right + i)
         for k in range(i):
             factor = load(w, row + k) * load(w, matrix + k * (k + 1) // 2 + k)
-            store(w, right + k, fnma(factor, found, load(w, right + k)))
+            store(w, right + k, fnma(factor, solution, load(w, right + k)))
 
 
 @compiled(allocates=False)
@@ -885,13 +1066,8 @@ def begin(work: Workspace, lane, queue: Queue, index, bounds: Bounds):
     w, start, packed = work.w, queue.starts[index], queue.packed[queue.problem[index]]
     for p in range(start.size):
         w[(work.trial + p) * WIDTH + lane] = min(max(start[p], bounds.lower[p]), bounds.upper[p])
-    norm = 0.0
-    for n in range(packed.size // 8):
-        y0r, y0i, y1r, y1i, w00, w11, w10r, w10i = packed[8 * n : 8 * n + 8]
-        e1r, e1i = w11 * y1r + w10r * y0r - w10i * y0i, w11 * y1i + w10r * y0i + w10i * y0r
-        norm += w00 * w00 * (y0r * y0r + y0i * y0i) + e1r * e1r + e1i * e1i
     w[work.damping * WIDTH + lane] = LAMBDA_START
-    return ROUNDING * norm
+    return ROUNDING * packed[-1]
 
 
 @calling(evaluate)

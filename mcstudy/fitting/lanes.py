@@ -5,8 +5,8 @@ result depends on nothing in the other lanes, and the same bits come out whether
 instruction as one AVX-512, two AVX2 or four SSE operations: the order of every sum is written down here, not left to
 a vectoriser. Products followed by sums use a fused multiply-add, which IEEE 754 rounds once on every machine.
 
-The functions work only inside numba-compiled code. ``array`` is a contiguous float64 workspace and ``slot`` counts in
-lanes: slot k is ``array[8 k : 8 k + 8]``.
+The functions work only inside numba-compiled code. ``array`` is a contiguous float64 workspace, or `registers`, and
+``slot`` counts in lanes: slot k of a workspace is ``array[8 k : 8 k + 8]``.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
 WIDTH = 8
+REGISTERS = 32
+"""Lanes of a call's `registers`: a complex matrix of four rows."""
+
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 
 
@@ -40,7 +43,39 @@ class _LanesModel(models.PrimitiveModel):
         super().__init__(dmm, fe_type, _VECTOR)
 
 
+class Registers(types.Type):
+    """Numba type of a few lanes that belong to one call of a function."""
+
+    def __init__(self) -> None:
+        super().__init__(name="Registers")
+
+
+_registers = Registers()
+
+
+@register_model(Registers)
+class _RegistersModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, _VECTOR.as_pointer())
+
+
+@intrinsic
+def registers(_context: Any) -> Any:
+    """Room for `REGISTERS` lanes, to `load` from and to `store` to.
+
+    Where every slot is known when the function is compiled, the compiler keeps them in registers of the machine.
+    """
+
+    def code(_c: Any, builder: Any, _s: Any, _a: Any) -> Any:
+        room = cgutils.alloca_once(builder, ir.ArrayType(_VECTOR, REGISTERS))
+        return builder.bitcast(room, _VECTOR.as_pointer())
+
+    return _registers(), code
+
+
 def _pointer(context: Any, builder: Any, array_type: Any, array: Any, slot: Any) -> Any:
+    if isinstance(array_type, Registers):
+        return builder.gep(array, [slot])
     data = context.make_array(array_type)(context, builder, array).data
     first = builder.mul(slot, ir.Constant(slot.type, WIDTH))
     return builder.bitcast(builder.gep(data, [first]), _VECTOR.as_pointer())

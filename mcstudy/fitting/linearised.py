@@ -30,10 +30,11 @@ from mcstudy.errors import ModelError
 from mcstudy.fitting.arguments import Bounds
 from mcstudy.fitting.equation_error import LinearTable, propose
 from mcstudy.fitting.problem import Problem
+from mcstudy.fitting.pseudo_data import folded
 from mcstudy.fitting.solvers import Options, fit_many
 from mcstudy.fitting.starts import sobol, uniform
-from mcstudy.stance.feedback import Model, Table, require_plain
-from mcstudy.stance.response import sensed_stimulus
+from mcstudy.stance.feedback import Model, Table
+from mcstudy.stance.response import output_matrices, sensed_stimulus
 
 STOP = np.nan
 POOL = np.array([[STOP, STOP]] * 4 + [[0.5, 0.5]] * 6 + [[1.0, STOP]] * 6)
@@ -63,8 +64,9 @@ SEED = 20180215
 class LinearModel:
     """A model whose gains enter linearly with delays and sensory weights fixed, for `equation_error`.
 
-    Frequencies are fixed. ``output`` (N, 2) are the output filters, which are divided out of the data and multiplied
-    into the weights of the cost.
+    Frequencies are fixed. ``output`` (N, R) are the output filters, which are divided out of the data and multiplied
+    into the weights of the cost. Declared outputs must tell all angles: the data are then the pseudo-data of
+    `mcstudy.fitting.pseudo_data`.
     """
 
     model: Model
@@ -74,32 +76,31 @@ class LinearModel:
     @classmethod
     def of(cls, model: Model, f: np.ndarray) -> LinearModel:
         """Prepare ``model`` for frequencies ``f`` in Hz, (N,); raises `ModelError` when a gain enters nonlinearly."""
-        require_plain(model, "a linearised start")
-        table = model.table
+        table, R = model.table, model.n_rows
         _require_linear(model)
         s = 2j * np.pi * np.asarray(f, dtype=float)
         filters = _constant_filters(table, s)
-        fixed = np.zeros((s.size, 6), dtype=complex)
+        fixed = np.zeros((s.size, R, R + 1), dtype=complex)
         entry, sense, factor = [], [], []
         sensed = sensed_stimulus(model, s.size)
-        for e, ((row, order, group, gain, weight), (c, w1, w2, w3)) in enumerate(
+        for e, ((row, order, group, gain, weight), (c, *shares)) in enumerate(
             zip(table.entry, table.weight, strict=True)
         ):
             value = c * s**order
-            if w3 and sensed is not None:
+            if shares[R] and sensed is not None:
                 value = value * sensed[e]
             for k in table.group_filters[group]:
                 if k >= 0:
                     value = value * filters[k]
             delay = table.group_delay[group, 0]
             if gain < 0 and delay < 0:
-                for column, share in ((2 * row, w1), (2 * row + 1, w2), (4 + row, -w3)):
-                    fixed[:, column] += share * value
+                for column, share in enumerate((*shares[:R], -shares[R])):
+                    fixed[:, row, column] += share * value
             else:
                 entry.append((row, gain, delay, weight))
-                sense.append((w1, w2, w3))
+                sense.append(shares)
                 factor.append(value)
-        output = np.ones((s.size, 2), dtype=complex)
+        output = np.ones((s.size, R), dtype=complex)
         for angle, k in enumerate(table.output_filter):
             if k >= 0:
                 output[:, angle] = filters[k]
@@ -107,7 +108,7 @@ class LinearModel:
             omega=s.imag.copy(),
             fixed=fixed,
             entry=np.array(entry, dtype=np.int64).reshape(-1, 4),
-            sense=np.array(sense, dtype=float).reshape(-1, 3),
+            sense=np.array(sense, dtype=float).reshape(-1, R + 1),
             factor=np.array(factor, dtype=complex).reshape(-1, s.size),
         )
         return cls(model, linear, output)
@@ -126,11 +127,19 @@ class LinearModel:
         """
         out = np.array(points, dtype=float, order="C")
         with np.errstate(invalid="ignore"):  # data that are not finite stop the steps, silently here: the fit reports
-            data, weight = problem.y / self.output, problem.weight * self.output[:, None, :]
+            data, weight = self._of_angles(problem)
+            data, weight = data / self.output, weight * self.output[:, None, :]
         movable = np.ones(out.shape[1], dtype=bool) if movable is None else movable
         bounds, mixes = Bounds(self.model.lower, self.model.upper), np.ascontiguousarray(mixes, dtype=float)
         propose(self.table, bounds, data, weight, movable, mixes, out)
         return out
+
+    def _of_angles(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+        """Data (N, R) and weights (N, R, R) of the angles."""
+        if not self.model.outputs:
+            return problem.y, problem.weight
+        data, weight, _ = folded(self.model, problem.f, problem.y, problem.weight)
+        return data, weight
 
 
 def linearised(problem: Problem, rng: np.random.Generator, n: int) -> np.ndarray:
@@ -211,6 +220,13 @@ def _constant_filters(table: Table, s: np.ndarray) -> np.ndarray:
 
 
 def _require_linear(model: Model) -> None:
+    if model.outputs:
+        C, _ = output_matrices(model, np.array([1j]))
+        if np.linalg.matrix_rank(C[0]) < model.n_rows:
+            raise ModelError(
+                f"model {model.name}: linearised starts need outputs that tell all of {', '.join(model.angles)}, got "
+                f"{', '.join(model.output_names)}; random starts (uniform, sobol) need none"
+            )
     gains = {name for term in model.terms for name in term.gain}
     weights = set(model.weights) - {term.gain[0] for term in model.terms if term.gain}
     for term in model.terms:

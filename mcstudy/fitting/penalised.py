@@ -1,7 +1,7 @@
 """Penalised fits: maximum a posteriori, with a normal prior on every parameter.
 
 Units. With C = E[e e^H] the log likelihood of the lines is -sum r^H C^-1 r, so the deviance chi2 = 2 sum r^H C^-1 r
-counts 4 N real degrees of freedom; every whitened vector here is real with unit variance.
+of Y outputs counts 2 Y N real degrees of freedom; every whitened vector here is real with unit variance.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from mcstudy.fitting.outermost_kernel import outermost
 from mcstudy.fitting.penalised_kernel import penalised_fits
 from mcstudy.fitting.plans import kept_plan, workspace
 from mcstudy.fitting.problem import Data
+from mcstudy.fitting.pseudo_data import packed
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
 
@@ -29,7 +30,7 @@ ENDED = 1e-9
 
 
 def whiten(weight: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Whitened FRF residuals (N, 2) or derivatives (N, 2, K) as real numbers (4 N,) or (4 N, K)."""
+    """Whitened FRF residuals (N, Y) or derivatives (N, Y, K) as real numbers (2 Y N,) or (2 Y N, K)."""
     z = np.einsum("nij,nj...->ni...", weight, r)
     z = z.reshape(-1, *z.shape[2:])
     return np.concatenate([z.real, z.imag])
@@ -64,18 +65,18 @@ class Fitted:
         return float(-0.5 * (self.chi2 + self.penalty) - 0.5 * np.linalg.slogdet(curvature)[1])
 
     def response(self, f: np.ndarray) -> np.ndarray:
-        """FRFs (N, 2), kept for the next question at the same frequencies: nobody may write to them."""
+        """FRFs (N, Y), kept for the next question at the same frequencies: nobody may write to them."""
         return self._kept("_response", f, lambda: self._responses(f))
 
     def _responses(self, f: np.ndarray) -> np.ndarray:
         return frf(self.model, self.theta, f)
 
     def residual(self, data: Data) -> np.ndarray:
-        """Whitened residual y - model, (4 N,)."""
+        """Whitened residual y - model, (2 Y N,)."""
         return whiten(data.weight, data.y - self.response(data.f))
 
     def free_residual(self, data: Data) -> np.ndarray:
-        """Residual (4 N,) of the linearised fit without bounds: `residual` itself unless a bound holds the fit.
+        """Residual (2 Y N,) of the linearised fit without bounds: `residual` itself unless a bound holds the fit.
 
         Its square never exceeds ``chi2 + penalty``, so evidence computed from it stays honest at a bound.
         """
@@ -85,7 +86,7 @@ class Fitted:
         return r - J @ (self.covariance @ (J.T @ r - off))
 
     def jacobian(self, data: Data) -> np.ndarray:
-        """Whitened derivative of the model, (4 N, P), kept for the next question about the same data, read-only."""
+        """Whitened derivative of the model, (2 Y N, P), kept for the next question about the same data, read-only."""
         return self._kept("_jacobian", data, lambda: self._derivative(data))
 
     def _derivative(self, data: Data) -> np.ndarray:
@@ -116,6 +117,10 @@ class Fitter:
         self.model, self.prior = model, prior
         self._plan = kept_plan(model, np.asarray(f, dtype=float).tobytes())
 
+    def packed(self, data: Data) -> np.ndarray:
+        """Data at this object's frequencies in the order that fits read, see `mcstudy.fitting.arguments.pack`."""
+        return packed(self.model, data.f, data.y, data.weight)
+
     def fits(
         self,
         packed: np.ndarray,
@@ -127,7 +132,7 @@ class Fitter:
         max_iterations: int = ITERATIONS,
         restraint: Restraint | None = None,
     ) -> PenalisedFits:
-        """Fits from starts (S, P) of the problems (S,) among ``packed`` (R, 8 N); own bounds (S, P) if given."""
+        """Fits from starts (S, P) of the problems (S,) among ``packed`` (K, ...); own bounds (S, P) if given."""
         starts = np.ascontiguousarray(np.atleast_2d(starts), dtype=float)
         shape, model = starts.shape, self.model
         queue = Queue(
@@ -160,7 +165,7 @@ class Fitter:
     ) -> Ends:
         """Ends of intervals: the largest ``direction`` (M, P) . x with a deviance of at most ``ceiling`` (M,).
 
-        ``starts``: (M, P), of the problems (M,) among ``packed`` (R, 8 N). ``height``: (M,) of the ceiling above the
+        ``starts``: (M, P), of the problems (M,) among ``packed`` (K, ...). ``height``: (M,) of the ceiling above the
         lowest minimum.
         """
         starts = np.ascontiguousarray(starts, dtype=float)
@@ -185,7 +190,7 @@ class Fitter:
 
     def best(self, data: Data, starts: np.ndarray) -> Fitted:
         """The best of several starts on one data set."""
-        return self.pick(self.fits(data.packed, starts))
+        return self.pick(self.fits(self.packed(data), starts))
 
     def pick(self, fits: PenalisedFits, among: slice = slice(None)) -> Fitted:
         """The best of several fits of one problem, which are ``among`` all."""

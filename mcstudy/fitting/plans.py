@@ -11,7 +11,7 @@ from mcstudy.errors import ModelError
 from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Filters, Plan, Scratch, Workspace
 from mcstudy.fitting.lanes import WIDTH
-from mcstudy.stance.feedback import Model, Table, require_plain
+from mcstudy.stance.feedback import Model, Table
 from mcstudy.stance.response import sensed_stimulus
 
 CACHE_LINE = 64
@@ -23,22 +23,20 @@ def plan(model: Model, f: np.ndarray) -> Plan:
 
     Raises `ModelError` when a filter's coefficient holds a negative power of a parameter.
     """
-    require_plain(model, "a fit")
     table, omega = model.table, 2 * np.pi * np.asarray(f, dtype=float)
     if (table.monomial_power < 0).any() or (table.monomial[:, 3] < 0).any():
         raise ModelError(f"model {model.name}: filter coefficients may not hold negative powers of parameters")
     varies = (table.entry[:, 3] >= 0) | (table.group_delay[table.entry[:, 2], 0] >= 0)
     varies |= (table.group_filters[table.entry[:, 2]] >= 0).any(axis=1)
-    constant = np.zeros((omega.size, 12))
+    R = table.n_rows
+    constant = np.zeros((omega.size, 2 * R * (R + 1)))
     at, sensed_drive = model.stimulus_at(omega.size), sensed_stimulus(model, omega.size)
     for e in np.flatnonzero(~varies):
-        (row, order, *_), (c, w0, w1, w2) = table.entry[e], table.weight[e]
+        (row, order, *_), (c, *shares, stimulus) = table.entry[e], table.weight[e]
         value = c * (1j * omega) ** order
-        for slot, factor in (
-            (4 * row, w0),
-            (4 * row + 2, w1),
-            (8 + 2 * row, -w2 if sensed_drive is None else -w2 * sensed_drive[e]),
-        ):
+        slots = [*range(2 * R * row, 2 * R * (row + 1), 2), 2 * (R * R + row)]
+        drive = -stimulus if sensed_drive is None else -stimulus * sensed_drive[e]
+        for slot, factor in zip(slots, (*shares, drive), strict=True):
             constant[:, slot] += factor * value.real
             constant[:, slot + 1] += factor * value.imag
     entry, weight = table.entry[varies], _by_stimulus(table, max(1, len(model.blocks)))[varies]
@@ -61,6 +59,7 @@ def plan(model: Model, f: np.ndarray) -> Plan:
         output=table.output_filter,
     )
     return Plan(
+        rows=tuple(range(R)),
         omega=omega,
         constant=constant,
         entry=np.hstack([wide, first]),
@@ -80,10 +79,11 @@ def plan(model: Model, f: np.ndarray) -> Plan:
 
 
 def _by_stimulus(table: Table, stimuli: int) -> np.ndarray:
-    """Coefficient of every term, and its weights on (theta1, theta2) and on each of J ``stimuli``, (E, 3 + J)."""
-    weight = np.zeros((len(table.weight), 3 + stimuli))
-    weight[:, :3] = table.weight[:, :3]
-    weight[np.arange(len(weight)), 3 + table.stimulus] = table.weight[:, 3]
+    """Coefficient of every term, and its weights on the R angles and on each of J ``stimuli``, (E, 1 + R + J)."""
+    E, first = len(table.weight), table.weight.shape[1] - 1
+    weight = np.zeros((E, first + stimuli))
+    weight[:, :first] = table.weight[:, :first]
+    weight[np.arange(E), first + table.stimulus] = table.weight[:, first]
     return weight
 
 
@@ -99,13 +99,14 @@ def kept_plan(model: Model, f: bytes) -> Plan:
 def workspace(plan: Plan) -> Workspace:
     """Zeroed lanes for eight fits, and where in them the kernel keeps what."""
     P, E, G, Q = len(plan.column), len(plan.entry), len(plan.group_delay), len(plan.filters.pair)
-    S, W, C, F = plan.sensed.size, plan.single.shape[1], plan.both.size, kernel.BLOCK
-    triangle, filters = (P + 1) * (P + 2) // 2, 4 * (len(plan.filters.monomial) + 1)
-    tiles = W * (2 * W + 3)
-    shared = (P, P, triangle, triangle, P, triangle, P, 1, 8 * plan.omega.size)  # in the order of `Workspace`
+    S, W, C, F, R = plan.sensed.size, plan.single.shape[1], plan.both.size, kernel.BLOCK, len(plan.rows)
+    triangle, filters, pairs = (P + 1) * (P + 2) // 2, 4 * (len(plan.filters.monomial) + 1), R * (R - 1) // 2
+    tiles, data = R * W * (R * W + kernel.TILE) // 2, R * (R + 2) * plan.omega.size + 2
+    shared = (P, P, triangle, triangle, P, triangle, P, 1, data)  # in the order of `Workspace`
     scratch = (  # in the order of `Scratch`; filters and their slopes take turns, frequency by frequency
-        *(12 * F, 2 * G * F, 8 * F, 2 * F, 4 * F, 4 * F, 2 * F, 4 * F, 2 * S * F, 2 * F, 4 * G * F),
-        *(4 * (W + C) * F, 2 * W * F, 8 * C * F, tiles, E, filters, F * (filters + 4 * Q) - filters),
+        *(2 * R * (R + 1) * F, 2 * G * F, 2 * R * R * F, 2 * pairs * F, 2 * R * F, 2 * R * F, R * F, 2 * R * F),
+        *(2 * S * F, 2 * F, 2 * R * G * F, 2 * R * (W + C) * F, 2 * pairs * W * F, 4 * R * C * F),
+        *(tiles, E, filters, F * (filters + 4 * Q) - filters),
     )
     *begins, end = accumulate((*shared, *scratch), initial=0)
     n = len(shared)
@@ -123,10 +124,11 @@ def _aligned(size: int) -> np.ndarray:
 def _columns(model: Model, entry: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which parameters act on one row of the equations of motion alone, and where the kernel keeps their torques.
 
-    Returns ``single`` (2, W), those of each row, filled up with -1 to a multiple of the kernel's tiles; ``both``, the
-    others, among them all that act on the measured angles; ``column`` (P, 2), the place of (parameter, row).
+    Returns ``single`` (R, W), those of each row, filled up with -1 to a multiple of the kernel's tiles; ``both``, the
+    others, among them all that act on the measured angles; ``column`` (P, R), the place of (parameter, row).
     """
     table, P = model.table, len(model.parameters)
+    R = table.n_rows
     inside: dict[int, set[int]] = {k: set() for k in range(table.n_filters)}
     for m in table.monomial:
         inside[int(m[0])] |= {int(p) for p in m[4:] if p >= 0}
@@ -136,21 +138,21 @@ def _columns(model: Model, entry: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
         for p in acting.union(*(inside[int(k)] for k in table.group_filters[e[2]] if k >= 0)):
             rows[p].add(int(e[0]))
     outside = set().union(*(inside[int(k)] for k in table.output_filter if k >= 0))
-    lists = [[p for p in range(P) if rows[p] == {row} and p not in outside] for row in range(2)]
-    both = [p for p in range(P) if p not in lists[0] and p not in lists[1]]
+    lists = [[p for p in range(P) if rows[p] == {row} and p not in outside] for row in range(R)]
+    both = [p for p in range(P) if not any(p in members for members in lists)]
     width = kernel.TILE * max(1, -(-max(map(len, lists)) // kernel.TILE))
-    single, column = np.full((2, width), -1, dtype=np.int64), np.full((P, 2), -1, dtype=np.int64)
+    single, column = np.full((R, width), -1, dtype=np.int64), np.full((P, R), -1, dtype=np.int64)
     for row, members in enumerate(lists):
         single[row, : len(members)] = members
         column[members, row] = row * width + np.arange(len(members))
-    column[both] = 2 * width + np.arange(2 * len(both)).reshape(-1, 2)
+    column[both] = R * width + np.arange(R * len(both)).reshape(-1, R)
     return single, np.array(both, dtype=np.int64), column
 
 
 def _first(model: Model, entry: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Who writes first to each of the kernel's sums, in the order in which it runs through the table.
 
-    Returns flags (E, 3) of the terms - sum of their group, first gain, second gain; flags (G, 2, 2) of the delays by
+    Returns flags (E, 3) of the terms - sum of their group, first gain, second gain; flags (G, 2, R) of the delays by
     row - 1 first, 0 not, -1 nothing to add on this row; and the places that nobody writes to first.
     """
     groups, places = set(), set()
@@ -163,11 +165,11 @@ def _first(model: Model, entry: np.ndarray, column: np.ndarray) -> tuple[np.ndar
             if p >= 0:
                 flag[1 + k] = column[p, e[0]] not in places
                 places.add(column[p, e[0]])
-    delays = np.full((*model.table.group_delay.shape, 2), -1, dtype=np.int64)
-    for g, of_group in enumerate(model.table.group_delay):
-        for row in range(2):
+    delays = np.full((*model.table.group_delay.shape, column.shape[1]), -1, dtype=np.int64)
+    for g, members in enumerate(model.table.group_delay):
+        for row in range(column.shape[1]):
             if (g, row) in groups:
-                for k, p in enumerate(of_group):
+                for k, p in enumerate(members):
                     delays[g, k, row] = p >= 0 and column[p, row] not in places
                     if p >= 0:
                         places.add(column[p, row])

@@ -1,11 +1,11 @@
 """What is fitted: a model, FRF data, and weights that make the cost.
 
-Both costs are one half-quadratic form: with W_n a 2 x 2 complex lower-triangular weight at frequency n,
+Both costs are one half-quadratic form: with Y outputs and W_n a Y x Y complex lower-triangular weight at frequency n,
 
     cost(theta) = sum_n || W_n (H(f_n; theta) - y_n) ||^2
 
-- `paper_cost`: W = diag(1/|y1|, 1/|y2|) / sqrt(2 N), so cost is the paper's J (Goodworth & Peterka 2018, Methods).
-- `ml_cost`: W^H W = C^-1 with C the complex noise covariance of the two FRFs, so cost is V = sum r^H C^-1 r.
+- `paper_cost`: W = diag(1/|y_k|) / sqrt(Y N), so cost is the paper's J (Goodworth & Peterka 2018, Methods).
+- `ml_cost`: W^H W = C^-1 with C the complex noise covariance of the FRFs, so cost is V = sum r^H C^-1 r.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from mcstudy.fitting.arguments import Queue, pack
+from mcstudy.fitting.arguments import Queue
+from mcstudy.fitting.pseudo_data import packed
 from mcstudy.fitting.status import Status
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.feedback import Model
@@ -34,8 +35,8 @@ class Data:
     Attributes
     ----------
     f: frequencies, Hz, (N,).
-    y: FRFs of the two angles, rad per unit of stimulus, (N, 2) complex.
-    weight: W_n, (N, 2, 2) complex, lower triangular with real diagonal.
+    y: FRFs of the Y outputs, in their units per unit of stimulus, (N, Y) complex.
+    weight: W_n, (N, Y, Y) complex, lower triangular with real diagonal.
     """
 
     f: np.ndarray
@@ -52,11 +53,6 @@ class Data:
         """Whether data and weights can be fitted at all."""
         return bool(np.isfinite(self.y).all() and np.isfinite(self.weight).all())
 
-    @property
-    def packed(self) -> np.ndarray:
-        """Data and weights in the kernel's order, (8 N,)."""
-        return pack(self.y, self.weight)
-
     def with_y(self, y: np.ndarray) -> Self:
         """The same with other responses."""
         return replace(self, y=y)
@@ -72,12 +68,17 @@ class Problem(Data):
 
     model: Model
 
+    @property
+    def packed(self) -> np.ndarray:
+        """Data and weights in the kernel's order, see `mcstudy.fitting.arguments.pack`."""
+        return packed(self.model, self.f, self.y, self.weight)
+
     def residual(self, theta: np.ndarray) -> np.ndarray:
-        """Weighted residuals as a real vector (4 N,), whose squared norm is the cost."""
+        """Weighted residuals as a real vector (2 Y N,), whose squared norm is the cost."""
         return _real(np.einsum("nij,nj->ni", self.weight, frf(self.model, theta, self.f) - self.y))
 
     def jacobian(self, theta: np.ndarray) -> np.ndarray:
-        """Exact derivative of `residual`, (4 N, P)."""
+        """Exact derivative of `residual`, (2 Y N, P)."""
         _, dH = frf_jacobian(self.model, theta, self.f)
         weighted = np.einsum("nij,njp->nip", self.weight, dH)
         return np.concatenate([weighted.real.reshape(-1, dH.shape[-1]), weighted.imag.reshape(-1, dH.shape[-1])])
@@ -92,25 +93,32 @@ def _real(z: np.ndarray) -> np.ndarray:
     return np.concatenate([z.real.ravel(), z.imag.ravel()])
 
 
+def _measured(model: Model) -> int:
+    """Number of outputs, without the second angle of a model of one joint."""
+    return model.n_angles if not model.outputs and model.n_rows == 2 else model.n_outputs
+
+
 def paper_cost(model: Model, f: np.ndarray, data: np.ndarray) -> Problem:
-    """The paper's J: mean squared error relative to the data's own magnitude, over the model's angles."""
+    """The paper's J: mean squared error relative to the data's own magnitude, over the model's Y outputs."""
     data = np.asarray(data, dtype=complex)
-    weight = np.zeros((data.shape[0], 2, 2), dtype=complex)
+    Y = _measured(model)
+    weight = np.zeros((*data.shape, data.shape[1]), dtype=complex)
     with np.errstate(divide="ignore", invalid="ignore"):
-        for k in range(model.n_angles):
-            weight[:, k, k] = 1.0 / (np.abs(data[:, k]) * np.sqrt(model.n_angles * data.shape[0]))
+        for k in range(Y):
+            weight[:, k, k] = 1.0 / (np.abs(data[:, k]) * np.sqrt(Y * data.shape[0]))
     return Problem(np.asarray(f, dtype=float), data, weight, model)
 
 
 def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarray) -> Problem:
-    """Maximum likelihood: V = sum r^H C^-1 r, with ``covariance`` (N, 2, 2) Hermitian E[r r^H] of the FRF errors."""
+    """Maximum likelihood: V = sum r^H C^-1 r, with ``covariance`` (N, Y, Y) Hermitian E[r r^H] of the FRF errors."""
     data = np.asarray(data, dtype=complex)
-    weight = np.zeros((data.shape[0], 2, 2), dtype=complex)
-    angles = np.s_[:, : model.n_angles, : model.n_angles]
+    weight = np.zeros((*data.shape, data.shape[1]), dtype=complex)
+    Y = _measured(model)
+    outputs = np.s_[:, :Y, :Y]
     if np.isfinite(covariance).all():
-        weight[angles] = np.linalg.inv(np.linalg.cholesky(covariance[angles]))
+        weight[outputs] = np.linalg.inv(np.linalg.cholesky(covariance[outputs]))
     else:
-        weight[angles] = np.nan
+        weight[outputs] = np.nan
     return Problem(np.asarray(f, dtype=float), data, weight, model)
 
 

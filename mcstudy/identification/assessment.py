@@ -19,6 +19,7 @@ from mcstudy.models.quantities import quantities
 from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.spectra.lines import Lines, joined
 from mcstudy.spectra.measure import measure, require_noise
+from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import growth_rate
 
@@ -35,23 +36,25 @@ def assessed(fitted: FitRecord, checked: CheckedRecording, base: Model, settings
     ``base``: the model without effects, with the bounds of the fit.
     """
     f, lines, seed = fitted, checked.lines, settings.seed
-    gap, test = gap_found(lines, checked.nominal, seed)
-    comparison = None
-    if settings.effects and f.without is not None:
+    body = standing(base)
+    gap, comparison = None, None
+    if body:
+        gap, test = gap_found(lines, checked.nominal, seed)
+    if body and settings.effects and f.without is not None:
         comparison = with_effects(test, lines, (base, f.model), (f.without, f.minima), settings.effects)
     everybody = bodies(f.estimates)
-    standing = everybody[growth_rate(f.model, everybody) < 0]
+    stable = everybody[growth_rate(f.model, everybody) < 0]
     wanted, higher = quantities(f.model, settings.quantities), _higher(checked)
     return replace(
         f,
         valleys=valleys(f.model, base, lines, f.minima, f.estimates, f.level, seed),
         stability=stability(f.model, f.theta, f.estimates),
-        sway=predicted_sway(f.model, f.theta, standing, lines),
+        sway=predicted_sway(f.model, f.theta, stable, lines),
         forecasts=forecasts(f.model, f.theta, lines, wanted, f.estimates, f.level, higher),
         gap=gap,
         comparison=comparison,
-        paper=paper_estimate(f.model, base, lines, seed),
-        coverage=nearest(f.recording, lines, f.model, f.level),
+        paper=paper_estimate(f.model, base, lines, seed) if body else None,
+        coverage=nearest(f.recording, lines, f.model, f.level) if body else None,
     )
 
 
@@ -64,7 +67,7 @@ def _higher(checked: CheckedRecording) -> Lines | None:
     parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
     try:
         higher = joined([measure(p, fmax, discarded(checked.discard, k)) for k, p in enumerate(parts)])
-        require_noise(higher, recording.name)
+        require_noise(higher, parts[0])
     except RecordingError:  # what the recording does not hold cannot be forecast
         return None
     return higher if higher.f.max() > CLEARLY * top else None

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mcstudy.errors import InputError
+from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
 
 GAIN_UPTO = 5.0
@@ -20,8 +21,9 @@ DELAY_S = (0.01, 0.3)
 def bounded(model: Model, base: Model, given: Mapping[str, tuple[float, float]]) -> Model:
     """The model with the bounds of a fit to a person, the ``given`` ones among them.
 
-    By default gains of ``base`` lie between zero and `GAIN_UPTO` times the nominal value, its delays in `DELAY_S`, and
-    sizes of effects within their own bounds. A nominal value outside its bounds is moved between them.
+    A declared model has its own. By default gains of ``base`` lie between zero and `GAIN_UPTO` times the nominal value,
+    its delays in `DELAY_S`, and sizes of effects within their own bounds. A nominal value outside its bounds is moved
+    between them.
 
     Raises `InputError` for an unknown parameter or impossible bounds.
     """
@@ -42,6 +44,8 @@ def bounded(model: Model, base: Model, given: Mapping[str, tuple[float, float]])
 
 def _default_bounds(model: Model) -> dict[str, tuple[float, float]]:
     low, high = DELAY_S
+    if not standing(model):
+        return {}
     return {
         p.name: (min(low, p.value), max(high, p.value))
         if p.name in model.delays

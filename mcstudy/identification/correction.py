@@ -9,6 +9,7 @@ simulated covariance estimates of the same uncertainty, in the linearised model,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -50,9 +51,10 @@ class Draws(NamedTuple):
 
     Attributes
     ----------
-    precision: (D, 4 N), of every line the four real numbers of the estimated precision: diagonal, then off-diagonal.
-    pulled: (D, 2 N) complex, the errors times it. deviance: (D,) of the errors. exact, exact_deviance: the same for the
-    true precision, which is one. known: whether the covariance is known, so that both are the same.
+    precision: (D, N Y^2), of every line the real numbers of the estimated precision of Y outputs: its diagonal, then
+    real and imaginary part of every element above it. pulled: (D, N Y) complex, the errors times it. deviance: (D,) of
+    the errors. exact, exact_deviance: the same for the true precision, which is one. known: whether the covariance is
+    known, so that both are the same.
     """
 
     precision: np.ndarray
@@ -65,16 +67,17 @@ class Draws(NamedTuple):
 
 def simulated(noise: LineNoise, rng: np.random.Generator) -> Draws:
     """`DRAWS` draws for a noise estimate."""
-    z, root = noise.joint_draws(rng, DRAWS)  # (N, 2, D) unit errors, (N, 2, 2, D) roots of estimated precisions
-    N, _, D = z.shape
+    z, root = noise.joint_draws(rng, DRAWS)  # (N, Y, D) unit errors, (N, Y, Y, D) roots of estimated precisions
+    D = z.shape[-1]
     R, z = np.moveaxis(root, -1, 0), np.moveaxis(z, -1, 0)
-    precision = np.conj(np.swapaxes(R, 2, 3)) @ R  # (D, N, 2, 2)
-    pulled = (precision @ z[..., None]).reshape(D, 2 * N)
-    off = precision[..., 0, 1]
-    parts = np.stack([precision[..., 0, 0].real, precision[..., 1, 1].real, off.real, off.imag], axis=-1)
-    exact = z.reshape(D, 2 * N)
+    precision = np.conj(np.swapaxes(R, 2, 3)) @ R  # (D, N, Y, Y)
+    pulled = (precision @ z[..., None]).reshape(D, -1)
+    diagonal, pairs = _elements(z.shape[-1])
+    off = [part for i, j in pairs for part in (precision[..., i, j].real, precision[..., i, j].imag)]
+    parts = np.stack([*(precision[..., i, i].real for i in diagonal), *off], axis=-1)
+    exact = z.reshape(D, -1)
     deviance, exact_deviance = (2 * np.einsum("dn,dn->d", exact.conj(), x).real for x in (pulled, exact))
-    return Draws(parts.reshape(D, 4 * N), pulled, deviance, exact, exact_deviance, noise.known)
+    return Draws(parts.reshape(D, -1), pulled, deviance, exact, exact_deviance, noise.known)
 
 
 def correction(jacobian: np.ndarray, gradients: np.ndarray, draws: Draws) -> Correction:
@@ -82,16 +85,17 @@ def correction(jacobian: np.ndarray, gradients: np.ndarray, draws: Draws) -> Cor
 
     Parameters
     ----------
-    jacobian: (4 N, F) whitened derivatives by the F parameters that no bound holds.
+    jacobian: (2 N Y, F) whitened derivatives by the F parameters that no bound holds.
     gradients: (K, F) of the quantities. draws: of their noise.
     """
     K = len(gradients)
     factor, dof = np.ones(K), np.full(K, KNOWN_DOF)
     free = np.flatnonzero(gradients.any(axis=1))  # the others are held by bounds at the estimate
-    J = jacobian.reshape(2, -1, 2, jacobian.shape[1])
-    J = (J[0] + 1j * J[1]) / np.sqrt(2)  # (N, 2, F)
+    outputs = 2 * draws.precision.shape[1] // len(jacobian)
+    J = jacobian.reshape(2, -1, outputs, jacobian.shape[1])
+    J = (J[0] + 1j * J[1]) / np.sqrt(2)  # (N, Y, F)
     products = _products(J)
-    one = np.tile([1.0, 1.0, 0.0, 0.0], len(J))[None]
+    one = np.tile(np.arange(outputs**2) < outputs, len(J)).astype(float)[None]
     known = _linear_fits(J, one @ products, draws.exact, draws.exact_deviance, gradients[free])
     if draws.known:
         return Correction(factor, dof, known.chi2)
@@ -113,23 +117,29 @@ class _Linear(NamedTuple):
 
 
 def _products(J: np.ndarray) -> np.ndarray:
-    """Gram matrix per unit of each of the four numbers of a line's precision, (4 N, F (F + 1) / 2), of J (N, 2, F).
+    """Gram matrix per unit of each number of a line's precision, (N Y^2, F (F + 1) / 2), of J (N, Y, F).
 
     Lower triangles by rows. The Gram matrix of a draw is linear in these numbers, so that all draws are one product of
     matrices.
     """
     i, j = np.tril_indices(J.shape[2])
-    a, b = J[:, 0], J[:, 1]
-    across, back = a.conj()[:, i] * b[:, j], b.conj()[:, i] * a[:, j]
-    squares = [(x.conj()[:, i] * x[:, j]).real for x in (a, b)]
-    parts = [*squares, (across + back).real, -(across - back).imag]
-    return 2 * np.stack(parts, axis=1).reshape(4 * len(J), -1)
+    diagonal, pairs = _elements(J.shape[1])
+    parts = [(J[:, k].conj()[:, i] * J[:, k][:, j]).real for k in diagonal]
+    for k, m in pairs:
+        across, back = J[:, k].conj()[:, i] * J[:, m][:, j], J[:, m].conj()[:, i] * J[:, k][:, j]
+        parts += [(across + back).real, -(across - back).imag]
+    return 2 * np.stack(parts, axis=1).reshape(-1, i.size)
+
+
+def _elements(outputs: int) -> tuple[range, list[tuple[int, int]]]:
+    """Elements of a Hermitian matrix of so many rows: those of the diagonal, and those above it."""
+    return range(outputs), list(combinations(range(outputs), 2))
 
 
 def _linear_fits(
     J: np.ndarray, gram: np.ndarray, pulled: np.ndarray, deviance: np.ndarray, gradients: np.ndarray
 ) -> _Linear:
-    """Linear fits to D errors ``pulled`` (D, 2 N) by their precision, with ``gram`` (D or 1, F (F + 1) / 2)."""
+    """Linear fits to D errors ``pulled`` (D, N Y) by their precision, with ``gram`` (D or 1, F (F + 1) / 2)."""
     flat = J.reshape(-1, J.shape[2])
     right = 2 * (pulled.real @ flat.real + pulled.imag @ flat.imag)
     shape = len(right), len(gradients)

@@ -98,7 +98,7 @@ class _BestFit:
 
 def _searched(lines: Lines, nominal: Model, settings: FitSettings, name: str) -> _BestFit:
     model = bounded(apply(nominal, *settings.effects), nominal, settings.bounds or {})
-    numbers = 2 * model.n_angles  # of one line
+    numbers = 2 * (lines.noise.measured or lines.y.shape[1])  # of one line
     if numbers * len(lines) <= len(model.parameters):
         raise RecordingError(
             f"{name}: expected more than {len(model.parameters) // numbers} {lines.unit}s, got {len(lines)}"
@@ -178,8 +178,8 @@ def _estimate(q: Quantity, theta: np.ndarray, p: Profile, error: float, share: n
 
 
 def _information(sensitivity: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Share (K, bands) of the information on K quantities; ``sensitivity`` (4 N, K) of the whitened responses."""
-    by_line = (sensitivity.reshape(2, f.size, 2, -1) ** 2).sum(axis=(0, 2))
+    """Share (K, bands) of the information on K quantities; ``sensitivity`` (2 N Y, K) of the whitened responses."""
+    by_line = (sensitivity.reshape(2, f.size, -1, sensitivity.shape[1]) ** 2).sum(axis=(0, 2))
     band = np.searchsorted(BANDS_HZ, f, side="right") - 1
     share = np.array([by_line[band == b].sum(axis=0) for b in range(len(BANDS_HZ) - 1)]).T
     total = share.sum(axis=1, keepdims=True)

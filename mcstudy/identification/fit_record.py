@@ -208,7 +208,8 @@ class FitRecord:
                         if c - m.chi2[0] < TOLD
                     ],
                 },
-                **named(self, "valleys", "stability", "sway"),
+                **named(self, "valleys", "stability"),
+                "sway": self.sway and self.sway.to_dict(),
                 "coverage": self.coverage and self.coverage.to_dict(),
                 **named(self, "gap", "comparison", "warnings"),
                 "method": self.method.to_dict(),

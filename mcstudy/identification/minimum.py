@@ -151,7 +151,8 @@ def _across(fitter: Fitter, data: Data, theta: np.ndarray, chi2: float) -> Penal
     P = theta.size
     height = np.full(2 * P, PASS * max(1.0, chi2 / (2 * fitter.model.n_angles * len(data.f))))
     outwards = np.concatenate([np.eye(P), -np.eye(P)])
-    ends = fitter.ends(data.packed, np.tile(theta, (2 * P, 1)), outwards, chi2 + height, height, tolerance=ROUGH)
+    starts, ceiling = np.tile(theta, (2 * P, 1)), chi2 + height
+    ends = fitter.ends(fitter.packed(data), starts, outwards, ceiling, height, tolerance=ROUGH)
     return _converged(fitter, data, ends.estimate)
 
 
@@ -166,12 +167,12 @@ def standing(stable: np.ndarray, chi2: np.ndarray, values: int) -> np.ndarray:
 
 
 def _converged(fitter: Fitter, data: Data, starts: np.ndarray) -> PenalisedFits:
-    return fitter.fits(data.packed, starts, tolerance=TOLERANCE, max_iterations=ITERATIONS)
+    return fitter.fits(fitter.packed(data), starts, tolerance=TOLERANCE, max_iterations=ITERATIONS)
 
 
 def _hopeful(fitter: Fitter, data: Data, starts: np.ndarray, lowest: float) -> PenalisedFits:
     """Fits from ``starts``, those that become hopeless left where they are."""
-    fits = fitter.fits(data.packed, starts, tolerance=TOLERANCE, max_iterations=FIRST)
+    fits = fitter.fits(fitter.packed(data), starts, tolerance=TOLERANCE, max_iterations=FIRST)
     go_on = np.flatnonzero(fits.chi2 < min(lowest, np.nan_to_num(fits.chi2, nan=np.inf).min()) + HOPELESS)
     if go_on.size:
         for mine, new in zip(fits, _converged(fitter, data, fits.estimate[go_on]), strict=True):

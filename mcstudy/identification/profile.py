@@ -145,7 +145,7 @@ class _Search:
     def __init__(
         self, fitter: Fitter, data: Data, minima: Minima, wanted: Sequence[Quantity], threshold: np.ndarray
     ) -> None:
-        self._fitter, self._packed, self._minima, self._wanted = fitter, data.packed, minima, wanted
+        self._fitter, self._packed, self._minima, self._wanted = fitter, fitter.packed(data), minima, wanted
         self._threshold, self._least = np.asarray(threshold, dtype=float), minima.chi2[0]
         self._linear = np.array([q.linear for q in wanted])
         self._gradient = np.array([q.gradient(minima.theta[0]) for q in wanted])

@@ -9,11 +9,12 @@ noise, because no recording states them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mcstudy.spectra.lines import Lines
+from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.response import frf, noise_response
@@ -21,7 +22,7 @@ from mcstudy.stance.response import frf, noise_response
 
 @dataclass(frozen=True)
 class AngleSway:
-    """RMS sway of one angle, deg.
+    """RMS sway of one angle, deg; of an output of a declared model in its unit.
 
     Attributes
     ----------
@@ -32,7 +33,10 @@ class AngleSway:
     measured, measured_se
         The measured one, noise subtracted, and its standard error.
     noise, noise_low, noise_high, noise_measured
-        The same for the sway that noise evokes; None for a recording without a period.
+        The same for the sway that noise evokes; None for a recording without a period, and for a declared model, whose
+        noise has no known shape.
+    unit
+        Unit of all of these.
     """
 
     angle: str
@@ -45,11 +49,12 @@ class AngleSway:
     noise_low: float | None = None
     noise_high: float | None = None
     noise_measured: float | None = None
+    unit: str = "deg"
 
 
 @dataclass(frozen=True)
 class PredictedSway:
-    """Predicted and measured sway of both angles.
+    """Predicted and measured sway of all outputs.
 
     Attributes
     ----------
@@ -63,24 +68,29 @@ class PredictedSway:
     angles: tuple[AngleSway, ...]
     noise_levels: tuple[float, float] | None
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for ``fit.json``; deg need not be said."""
+        angles = [{k: v for k, v in vars(a).items() if (k, v) != ("unit", "deg")} for a in self.angles]
+        return {"angles": angles, "noise_levels": self.noise_levels}
+
 
 def predicted_sway(model: Model, theta: np.ndarray, bodies: np.ndarray, lines: Lines) -> PredictedSway | None:
     """Sway at ``theta`` (P,) and over ``bodies`` (M, P), all stable; None for responses without a stimulus in time."""
     if not np.isfinite(lines.power).all():
         return None
     everybody = np.concatenate([theta[None], bodies])
-    stimulus = _rms(lines.power, np.abs(frf(model, everybody, lines.f)) ** 2)  # (1 + M, 2)
-    measured, error = _measured(lines)
-    noise = _noise(model, everybody, lines)
+    told = [(np.rad2deg(1.0), "deg") if unit == "rad" else (1.0, unit) for unit in model.output_units]
+    per, units = zip(*told, strict=True)
+    stimulus = _rms(lines.power, np.abs(frf(model, everybody, lines.f)) ** 2) * per  # (1 + M, Y)
+    measured, error = (x * per for x in _measured(lines))
+    noise = _noise(model, everybody, lines) if standing(model) else None
+    by_noise: list[tuple[float | None, float | None, float | None, float | None]]
+    by_noise = [(None, None, None, None)] * len(units)
+    if noise is not None:
+        by_noise = [(*_with_range(rms), float(x)) for rms, x in zip(noise.rms.T, noise.measured, strict=True)]
     angles = tuple(
-        AngleSway(
-            angle,
-            *_with_range(stimulus[:, k]),
-            float(measured[k]),
-            float(error[k]),
-            *(() if noise is None else (*_with_range(noise.rms[:, k]), float(noise.measured[k]))),
-        )
-        for k, angle in enumerate(model.angles)
+        AngleSway(angle, *_with_range(stimulus[:, k]), float(measured[k]), float(error[k]), *by_noise[k], units[k])
+        for k, angle in enumerate(model.output_names)
     )
     return PredictedSway(angles, None if noise is None else (float(noise.levels[0]), float(noise.levels[1])))
 
@@ -91,8 +101,8 @@ def _with_range(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def _rms(power: np.ndarray, square: np.ndarray) -> np.ndarray:
-    """RMS in deg of responses with squared gains (..., N, 2) to a stimulus with ``power`` (N,)."""
-    return np.asarray(np.rad2deg(np.sqrt(2 * np.einsum("n,...nk->...k", power, square))))
+    """RMS of responses with squared gains (..., N, Y) to a stimulus with ``power`` (N,)."""
+    return np.asarray(np.sqrt(2 * np.einsum("n,...nk->...k", power, square)))
 
 
 def _measured(lines: Lines) -> tuple[np.ndarray, np.ndarray]:
@@ -101,7 +111,7 @@ def _measured(lines: Lines) -> tuple[np.ndarray, np.ndarray]:
     # of |y|^2 with a complex error of variance v: 2 |y|^2 v + v^2
     error = np.sqrt((2 * lines.power) ** 2 @ (2 * np.maximum(square - variance, 0.0) * variance + variance**2))
     rms = np.sqrt(mean_square)
-    return np.rad2deg(rms), np.rad2deg(error / (2 * np.maximum(rms, 1e-12)))
+    return rms, error / (2 * np.maximum(rms, 1e-300))
 
 
 ROUNDS = 200

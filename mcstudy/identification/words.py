@@ -145,7 +145,8 @@ def sway(r: FitRecord) -> str:
             f"{a.angle} {number(a.stimulus)} ({ends(a.stimulus_low, a.stimulus_high)}), measured "
             f"{with_error(a.measured, a.measured_se)}{agree}"
         )
-    text = f"Predicted sway evoked by the stimulus (deg RMS, range over the intervals): {'; '.join(out)}."
+    unit = ", ".join(dict.fromkeys(a.unit for a in r.sway.angles))
+    text = f"Predicted sway evoked by the stimulus ({unit} RMS, range over the intervals): {'; '.join(out)}."
     if r.sway.noise_levels is not None:
         noise = [
             f"{a.angle} {number(a.noise)} ({ends(a.noise_low, a.noise_high)}), measured {number(a.noise_measured)}"

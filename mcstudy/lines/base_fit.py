@@ -22,6 +22,7 @@ from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.fitting.problem import Data, Problem
 from mcstudy.lines.priors import DELAY_SPREAD_S, opened, weak_prior
 from mcstudy.spectra.lines import Lines
+from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 
@@ -87,10 +88,10 @@ def lowest_minima(fitter: Fitter, data: Data, seed: int) -> tuple[Fitted, np.nda
     """
     model = fitter.model
     first = fitter.fits(
-        data.packed, np.vstack([linearised_starts(model, data, seed), drawn_starts(model, seed, DRAWN)])
+        fitter.packed(data), np.vstack([linearised_starts(model, data, seed), drawn_starts(model, seed, DRAWN)])
     )
     leading = _distinct(first.estimate[np.argsort(first.objective)], fitter.prior.scale)
-    second = fitter.fits(data.packed, np.clip(_moved(model, leading), model.lower, model.upper))
+    second = fitter.fits(fitter.packed(data), np.clip(_moved(model, leading), model.lower, model.upper))
     estimate = np.concatenate([first.estimate, second.estimate])
     order = np.argsort(np.concatenate([first.objective, second.objective]))
     best = fitter.best(data, estimate[order[:1]])
@@ -98,8 +99,13 @@ def lowest_minima(fitter: Fitter, data: Data, seed: int) -> tuple[Fitted, np.nda
 
 
 def drawn_starts(model: Model, seed: int, n: int) -> np.ndarray:
-    """Start values (n, P): the nominal body, and random bodies around it with delays anywhere in their range."""
+    """Start values (n, P): the nominal body, and random bodies around it with delays anywhere in their range.
+
+    Of a declared model they are anywhere between its bounds.
+    """
     rng, prior = stream(seed, "gap starts"), weak_prior(model, model)
+    if not standing(model):
+        return np.vstack([prior.mean, rng.uniform(model.lower, model.upper, (n - 1, prior.mean.size))])
     draws = prior.mean + SPREAD * prior.scale * rng.standard_normal((n, prior.mean.size))
     late = np.isin(model.names, model.delays)
     draws[:, late] = rng.uniform(*DELAYS_S, (n, int(late.sum())))
@@ -109,14 +115,18 @@ def drawn_starts(model: Model, seed: int, n: int) -> np.ndarray:
 
 def linearised_starts(model: Model, data: Data, seed: int, n: int = LINEARISED) -> np.ndarray:
     """Start values (n, P) from the linear structure; none for a model without it."""
-    near = model.with_bounds(
-        {
-            p.name: (max(p.lower, p.value - 2.5 * DELAY_SPREAD_S), p.value + 2.5 * DELAY_SPREAD_S)
-            if p.name in model.delays
-            else (p.value - abs(p.value), p.value + 1.5 * abs(p.value))
-            for p in model.parameters
-            if p.value  # the size of an effect keeps its bounds
-        }
+    near = (
+        model
+        if not standing(model)
+        else model.with_bounds(
+            {
+                p.name: (max(p.lower, p.value - 2.5 * DELAY_SPREAD_S), p.value + 2.5 * DELAY_SPREAD_S)
+                if p.name in model.delays
+                else (p.value - abs(p.value), p.value + 1.5 * abs(p.value))
+                for p in model.parameters
+                if p.value  # the size of an effect keeps its bounds
+            }
+        )
     )
     try:
         return linearised(Problem(data.f, data.y, data.weight, near), stream(seed, "gap linearised"), n)

@@ -9,6 +9,7 @@ from mcstudy.errors import InputError, RecordingError
 from mcstudy.lines.labels import merged, plausibility, refuse
 from mcstudy.lines.settings import LineSettings
 from mcstudy.recordings.checks import check
+from mcstudy.recordings.columns import of_model
 from mcstudy.recordings.copies import numbered, refuse_copies
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint_recording import POOLED, AnyRecording, JointRecording, refuse_other_body
@@ -16,6 +17,7 @@ from mcstudy.recordings.recording import Recording
 from mcstudy.recordings.soundness import with_left_out
 from mcstudy.spectra.lines import Lines, joined
 from mcstudy.spectra.measure import highest, measure, require_noise, up_to, wide_lines
+from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
 
 Discard = int | tuple[int, ...]
@@ -60,15 +62,20 @@ def discarded(discard: Discard, part: int) -> int:
 def given_model(model: Model | None, recording: AnyRecording, lines: Lines) -> Model:
     """``model``, or the one on the recording's body and stimulus, or on all stimuli of a joint one.
 
-    A recording calls the angles of a ``model`` theta1 and theta2, so its rows and angles get their usual names.
-
     Raises `InputError` for a ``model`` of a joint recording: it has one stimulus.
     """
     if not isinstance(recording, JointRecording):
-        return model.with_usual_names() if model is not None else recording.base_model()
+        return model if model is not None else recording.base_model()
     if model is not None:
         raise InputError(f"model: expected none for recordings under different stimuli, got {model.name}")
     return recording.base_model(lines.counts)
+
+
+def _of_declared(recording: AnyRecording, model: Model | None) -> AnyRecording:
+    """The recording, as one of a declared ``model`` where that is given."""
+    if model is None or standing(model) or isinstance(recording, JointRecording):
+        return recording
+    return of_model(recording, model)
 
 
 @dataclass(frozen=True)
@@ -117,7 +124,7 @@ def checked_recording(
     """
     if discard is None:
         discard = 1 if settings.discard is None else settings.discard
-    recording, lines = _measured(pooled(recordings), settings, discard)
+    recording, lines = _measured(_of_declared(pooled(recordings), settings.model), settings, discard)
     if not isinstance(recordings, AnyRecording):
         refuse_copies(numbered(recordings), settings.accept)
     elif not isinstance(recordings, FrfRecording):
@@ -136,15 +143,17 @@ def _measured(recording: AnyRecording, settings: LineSettings, discard: Discard)
     discard = discarded(discard, 0)
     if isinstance(recording, FrfRecording):
         lines = measure(recording, settings.fmax, discard)
-        require_noise(lines, recording.name)
+        require_noise(lines, recording)
         return recording, lines
     noted = check(recording)
     recording = with_left_out(recording, settings.accept, discard)
     fmax = highest(recording, settings.fmax)
     wide = wide_lines(recording, fmax, discard)
     lines = up_to(fmax, wide, recording.name)
-    require_noise(lines, recording.name)
-    # Collect all suspicions before deciding, because one check may find what another misses.
-    suspicions = merged(recording.suspicions, noted, plausibility(recording, wide))
+    require_noise(lines, recording)
+    # Collect all suspicions before deciding, because one check may find what another misses. What responses a declared
+    # model can have is not known, so its labels are not judged by them.
+    labels = plausibility(recording, wide) if recording.model is None else ()
+    suspicions = merged(recording.suspicions, noted, labels)
     refuse(suspicions, settings.accept)
     return replace(recording, suspicions=suspicions), lines

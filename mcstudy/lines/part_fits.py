@@ -31,11 +31,11 @@ class PartFit:
 
 
 def part_fits(lines: Lines, residual: np.ndarray, null: np.ndarray) -> tuple[PartFit, ...]:
-    """Of every recording in ``lines``, from whitened residuals (4 N,) and null samples of them (4 N, D)."""
+    """Of every recording in ``lines``, from whitened residuals (2 N Y,) and null samples of them (2 N Y, D)."""
     out = []
     for part, block in zip(lines.parts, lines.blocks, strict=True):
-        chi2 = float((residual.reshape(2, len(lines), 2)[:, block] ** 2).sum())
-        nulls = (null.reshape(2, len(lines), 2, -1)[:, block] ** 2).sum(axis=(0, 1, 2))
+        chi2 = float((residual.reshape(2, len(lines), -1)[:, block] ** 2).sum())
+        nulls = (null.reshape(2, len(lines), -1, null.shape[-1])[:, block] ** 2).sum(axis=(0, 1, 2))
         p_value = (1 + int((nulls >= chi2).sum())) / (1 + nulls.size)
         out.append(PartFit(len(part), chi2, float(nulls.mean()), p_value))
     return tuple(out)

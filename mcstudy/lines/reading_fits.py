@@ -193,7 +193,7 @@ class Search:
         data = [Data(self.f, y, weight) for y, weight in zip(made.y, made.weight, strict=True)]
         starts = drawn_starts(fitter.model, self._seed, FEW)
         fits = fitter.fits(
-            np.array([d.packed for d in data]),
+            np.array([fitter.packed(d) for d in data]),
             np.tile(starts, (len(data), 1)),
             np.repeat(range(len(data)), len(starts)),
             tolerance=LOOSE,
@@ -278,7 +278,7 @@ class Search:
         made, S = self._trials.corrected(T), len(starts)
         data = [Data(self.f, y, weight) for y, weight in zip(made.y, made.weight, strict=True)]
         fits = self._fitter.fits(
-            np.array([d.packed for d in data]),
+            np.array([self._fitter.packed(d) for d in data]),
             np.tile(starts, (len(data), 1)),
             np.repeat(range(len(data)), S),
             tolerance=tolerance,

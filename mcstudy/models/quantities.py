@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from mcstudy import expressions
 from mcstudy.errors import InputError
+from mcstudy.expressions import expression as arithmetic
+from mcstudy.expressions import shortened
 from mcstudy.stance.feedback import Derived, Model
 
 STEP = 1e-20
@@ -71,8 +72,8 @@ def expression(model: Model, text: str) -> Quantity:
 
     Raises `InputError` for anything else, and for an expression that no parameter changes.
     """
-    formula = expressions.expression(text, [*model.names, "pi"], "quantity", EXAMPLE)
-    shown = expressions.shortened(text)
+    formula = arithmetic(text, [*model.names, "pi"], "quantity", EXAMPLE)
+    shown = shortened(text)
     if not formula.names - {"pi"}:
         raise InputError(
             f"quantity {shown!r}: expected a function of at least one parameter ({', '.join(model.names)})"
@@ -107,7 +108,7 @@ def derived(model: Model) -> tuple[Quantity, ...]:
 def names_of(d: Derived, known: Collection[str]) -> frozenset[str]:
     """The parameters that a quantity follows from; none where one of them is not known."""
     try:
-        return expressions.expression(d.value, [*known, "pi"], "derived", EXAMPLE).names - {"pi"}
+        return arithmetic(d.value, [*known, "pi"], "derived", EXAMPLE).names - {"pi"}
     except InputError:
         return frozenset()
 
@@ -163,7 +164,7 @@ def require_finite(model: Model, wanted: Sequence[Quantity], theta: np.ndarray) 
             why = f"expected a derivative that is finite and not 0 at the estimates{at}, got {largest:.3g}"
         else:
             why = f"expected a finite number at the estimates{at}, got {value:.3g}"
-        raise InputError(f"quantity {expressions.shortened(q.name)!r}: {why}")
+        raise InputError(f"quantity {shortened(q.name)!r}: {why}")
 
 
 def quantities(model: Model, given: Sequence[str] | Mapping[str, Any] = ()) -> tuple[Quantity, ...]:

@@ -10,16 +10,18 @@ from typing import Any
 from mcstudy.errors import RecordingError
 from mcstudy.files.local_path import local_path
 from mcstudy.recordings.channels import Read, trials_of
+from mcstudy.recordings.columns import Columns, ModelLike, model_of
 from mcstudy.recordings.data_files import Files
 from mcstudy.recordings.formats.source import SHOWN, Picked
-from mcstudy.recordings.frf import COLUMNS, FrfRecording, frf_of_columns
+from mcstudy.recordings.frf import FrfRecording, columns_of, frf_of_columns, labels_of
 from mcstudy.recordings.recording import Recording, sentences
 from mcstudy.recordings.refusals import refused
 from mcstudy.recordings.sheets.body_sheet import body_of
 from mcstudy.recordings.sheets.recording_sheet import Sheet, TrialSheet, document, frf_factor
 from mcstudy.recordings.sheets.tables import described
 from mcstudy.recordings.units import FACTORS, KINDS, agreed, factor, kind_of
-from mcstudy.stance.body import STIMULI
+from mcstudy.stance.body import Body
+from mcstudy.stance.feedback import Model
 from mcstudy.text_tables import printable
 
 DEGREE = FACTORS["rad"]["deg"]
@@ -34,8 +36,12 @@ class Assembled:
     notes: tuple[str, ...]
 
 
-def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | FrfRecording:
+def read_sheet(
+    path: str | Path, data: str | Path | None = None, model: ModelLike | None = None
+) -> Recording | FrfRecording:
     """The recording that a TOML file describes, with its data files in ``data`` (the TOML file's folder when None).
+
+    ``model``: of which these are outputs, in place of the one that the file names.
 
     Checks the structure only; `mcstudy.recordings.io` adds the checks of the data. Raises `RecordingError` naming the
     file and the field.
@@ -43,18 +49,27 @@ def read_sheet(path: str | Path, data: str | Path | None = None) -> Recording | 
     path = local_path(path)
     sheet = described(Sheet, document(path), str(path))
     folder = path.parent if data is None else Path(data)
+    with refused(RecordingError, where=path):
+        declared = model_of(sheet.model if model is None else model, path.parent)
     if sheet.frf is not None:
-        return _frf(sheet, Files(folder, sheet.text.dialect(), str(path)), str(path))
-    return assemble(sheet, folder, str(path)).recording
+        return _frf(sheet, Files(folder, sheet.text.dialect(), str(path)), str(path), declared)
+    return assemble(sheet, folder, str(path), model=declared).recording
 
 
-def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) -> Assembled:
-    """The recording of a description whose trials are in files of ``folder``, or among ``own`` (see `Files`)."""
+def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = (), model: Model | None = None) -> Assembled:
+    """The recording of a description whose trials are in files of ``folder``, or among ``own`` (see `Files`).
+
+    ``model``: the declared model of which these are outputs, None for a standing body.
+    """
     files = Files(folder, sheet.text.dialect(), where, own)
-    body, source = body_of(sheet.body, files.source, where)
+    columns = Columns.of(model, sheet.stimulus)
+    body, source = _subject(sheet, files, where, model)
     if not sheet.trials:
         raise RecordingError(f"{where}: trials: expected at least one")
-    read, notes = trials_of(sheet, files, where)
+    sheet.channels.require_outputs(columns.outputs, f"{where}: channels")
+    for k, trial in enumerate(sheet.trials):
+        trial.require_outputs(columns.outputs, f"{where}: trials.{k}")
+    read, notes = trials_of(sheet, columns, files, where)
     notes = (*notes, *([source] if source else []))
     with refused(RecordingError, where=where):
         recording = Recording(
@@ -68,6 +83,7 @@ def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) ->
             sentences(sheet.provenance, *notes),
             person=sheet.person,
             condition=sheet.condition,
+            model=model,
         )
     return Assembled(recording, read, notes)
 
@@ -84,39 +100,50 @@ def with_files(content: Mapping[str, Any], names: Sequence[str], where: str) -> 
     return sheet.model_copy(update={"trials": tuple(TrialSheet(file=name) for name in names)})
 
 
-def _frf(sheet: Sheet, files: Files, where: str) -> FrfRecording:
-    body, remark = body_of(sheet.body, files.source, where)
+def _subject(sheet: Sheet, files: Files, where: str, model: Model | None) -> tuple[Body, str]:
+    """The body, and a sentence on where it comes from; for a declared model neither, nor what describes one."""
+    if model is None:
+        return body_of(sheet.body, files.source, where)
+    for name in ("markers", "upper_body", "body"):
+        if name in sheet.model_fields_set:
+            raise RecordingError(f"{where}: {name}: expected none for outputs of the declared model {model.name}")
+    return Body(), ""
+
+
+def _frf(sheet: Sheet, files: Files, where: str, model: Model | None) -> FrfRecording:
+    body, remark = _subject(sheet, files, where, model)
+    columns, labels = Columns.of(model, sheet.stimulus), labels_of(model)
     if sheet.trials or sheet.frf is None:
         raise RecordingError(f"{where}: frf: expected either trials or an frf, got both")
     file = files.source(sheet.frf.file)
-    sheet.units.require_both(sheet.stimulus, where)
-    picked = {name: file.pick(name) for name in COLUMNS if file.has(name)}
+    sheet.units.require_both(columns, where)
+    picked = {name: file.pick(name) for name in columns_of(labels) if file.has(name)}
     if "f" not in picked:
         raise RecordingError(
             f"{file.path}: column 'f' (Hz) is missing; found {printable(', '.join(list(file.variables)[:SHOWN]))}"
         )
-    angle, stimulus = _frf_units(sheet, picked, str(file.path))
-    scale = frf_factor(angle, stimulus, sheet.stimulus, where)
-    f, y, C, single = frf_of_columns({n: p.values for n, p in picked.items()}, scale, str(file.path))
+    angle, stimulus = _frf_units(sheet, picked, columns, str(file.path))
+    scale = frf_factor(angle, stimulus, columns, where)
+    f, y, C, single = frf_of_columns({n: p.values for n, p in picked.items()}, scale, str(file.path), labels)
     provenance = sentences(sheet.provenance, remark, *files.remarks())
     with refused(RecordingError, where=file.path):
-        return FrfRecording(f, y, C, sheet.stimulus, body, single, sheet.name, provenance)
+        return FrfRecording(f, y, C, sheet.stimulus, body, single, sheet.name, provenance, model)
 
 
-def _frf_units(sheet: Sheet, columns: Mapping[str, Picked], where: str) -> tuple[str | None, str | None]:
+def _frf_units(sheet: Sheet, read: Mapping[str, Picked], columns: Columns, where: str) -> tuple[str | None, str | None]:
     """Units of angle and stimulus, declared or stated as deg/Nm in a header, which may not contradict each other."""
     angle, stimulus = sheet.units.angle, sheet.units.stimulus
     if sheet.units.stated == "ignored":
         return angle, stimulus
-    for name, picked in columns.items():
+    for name, picked in read.items():
         kind, unit = kind_of(picked.unit), picked.unit or ""
         if name == "f" or name.startswith("phase"):
             expected = "Hz" if name == "f" else "deg"
             right = unit == "Hz" if name == "f" else kind == KINDS["rad"] and factor(unit, "rad", where) == DEGREE
             if kind is not None and not right:
                 raise RecordingError(f"{where}: {name}: unit: expected {expected}, but the file states {unit}")
-        elif not name.startswith("c12"):
+        elif not name.startswith("c"):
             over, _, under = unit.partition("/")
-            angle = agreed(angle, over, "rad", f"{where}: {name}", name)
-            stimulus = agreed(stimulus, under, STIMULI[sheet.stimulus], f"{where}: {name}", name)
+            angle = agreed(angle, over, columns.units[0], f"{where}: {name}", name)
+            stimulus = agreed(stimulus, under, columns.stimulus_unit, f"{where}: {name}", name)
     return angle, stimulus

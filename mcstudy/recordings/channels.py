@@ -9,6 +9,7 @@ import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.clock import SAME_RATE, Clock, clock_of
+from mcstudy.recordings.columns import Columns
 from mcstudy.recordings.data_files import Files
 from mcstudy.recordings.faults import angle_faults
 from mcstudy.recordings.formats.source import Picked
@@ -18,10 +19,7 @@ from mcstudy.recordings.refusals import require_within, size_text
 from mcstudy.recordings.resampling import METHOD, filled, resampled, whole_samples
 from mcstudy.recordings.sheets.recording_sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
 from mcstudy.recordings.soundness import FILLABLE, without_gaps
-from mcstudy.recordings.units import agreed, factor
-from mcstudy.stance.body import STIMULI
-
-CHANNELS = ("stimulus", "theta1", "theta2")
+from mcstudy.recordings.units import KINDS, agreed, factor, kind_of
 
 SAME_LENGTH = 1.5
 """Largest difference in length of the channels of a trial after resampling, in samples; the excess is cut off."""
@@ -57,7 +55,7 @@ class Read:
     rate_hz: float
 
 
-def trials_of(sheet: Sheet, files: Files, where: str) -> tuple[tuple[Read, ...], tuple[str, ...]]:
+def trials_of(sheet: Sheet, columns: Columns, files: Files, where: str) -> tuple[tuple[Read, ...], tuple[str, ...]]:
     """All trials of a description, with one rate, and what was done to them in words.
 
     Raises `RecordingError`, one line that names ``where``, the trial and the channel.
@@ -65,14 +63,14 @@ def trials_of(sheet: Sheet, files: Files, where: str) -> tuple[tuple[Read, ...],
     refuse_size(len(sheet.trials), 0, where)
     pieces: list[tuple[TrialSheet, tuple[Series, ...]]] = []
     for k, trial in enumerate(sheet.trials, start=1):
-        for parts in _series(sheet, trial, files, f"{where}: trial {k}"):
+        for parts in _series(sheet, columns, trial, files, f"{where}: trial {k}"):
             pieces.append((trial, parts))
             if len(pieces) > MOST_TRIALS:
                 raise RecordingError(f"{where}: trials: expected at most {MOST_TRIALS}, got more")
             refuse_size(len(pieces), sum(p[0].values.size for _, p in pieces), where)
     rate = _common_rate(sheet, [parts for _, parts in pieces], where)
     done = [
-        Read(trial.file or "", parts, _trial(sheet, trial, parts, rate, f"{where}: trial {k}"), rate)
+        Read(trial.file or "", parts, _trial(sheet, columns, trial, parts, rate, f"{where}: trial {k}"), rate)
         for k, (trial, parts) in enumerate(pieces, start=1)
     ]
     return tuple(done), (*files.remarks(), *_notes(sheet, [parts for _, parts in pieces], rate))
@@ -123,7 +121,9 @@ def _notes(sheet: Sheet, trials: Sequence[tuple[Series, ...]], rate: float) -> t
     return tuple(notes)
 
 
-def _trial(sheet: Sheet, trial: TrialSheet, parts: tuple[Series, ...], rate: float, where: str) -> Trial:
+def _trial(
+    sheet: Sheet, columns: Columns, trial: TrialSheet, parts: tuple[Series, ...], rate: float, where: str
+) -> Trial:
     """A trial at the common rate; all channels begin at the same instant."""
     done = []
     for s in parts:
@@ -136,11 +136,12 @@ def _trial(sheet: Sheet, trial: TrialSheet, parts: tuple[Series, ...], rate: flo
         if values.size - shortest > SAME_LENGTH:
             lasts = ", ".join(f"{p.channel} {p.values.size / p.rate_hz:g} s" for p in parts)
             raise RecordingError(f"{where}: {s.channel}: expected channels of one duration, got {lasts}")
-    stimulus, theta1, theta2 = (v[:shortest] for v in done)
-    hip = theta2 - theta1 if sheet.upper_body == "space" or sheet.markers is not None else theta2
-    target = STIMULI[sheet.stimulus]
+    stimulus, *outputs = (v[:shortest] for v in done)
+    if sheet.upper_body == "space" or sheet.markers is not None:
+        outputs[1] = outputs[1] - outputs[0]
+    target = columns.stimulus_unit
     per = factor(sheet.units.stimulus or parts[0].unit, target, f"{where}: amplitude")
-    return Trial(stimulus, np.column_stack([theta1, hip]), None if trial.amplitude is None else per * trial.amplitude)
+    return Trial(stimulus, np.column_stack(outputs), None if trial.amplitude is None else per * trial.amplitude)
 
 
 def _require_whole(series: Series, where: str) -> None:
@@ -159,14 +160,15 @@ def _require_whole(series: Series, where: str) -> None:
     )
 
 
-def _series(sheet: Sheet, trial: TrialSheet, files: Files, where: str) -> list[tuple[Series, ...]]:
+def _series(sheet: Sheet, of: Columns, trial: TrialSheet, files: Files, where: str) -> list[tuple[Series, ...]]:
     """The channels of every trial in one file, split but each at its own rate."""
-    given = {n: _given(sheet, trial, n) for n in CHANNELS}
+    channels = "stimulus", *of.outputs
+    given = {n: trial.channel(n) or sheet.channels.channel(n) or Channel() for n in channels}
     markers = sheet.markers
     if markers is not None and sheet.split.by is not None:
         raise RecordingError(f"{where}: split.by: expected no markers, which are read one trial per file")
     columns: dict[str, list[Picked]] = {}
-    for name in CHANNELS:
+    for name in channels:
         if name == "stimulus" or markers is None:
             columns[name] = _arranged(sheet, given[name], trial, name, files, where)
     if markers is not None:
@@ -180,21 +182,16 @@ def _series(sheet: Sheet, trial: TrialSheet, files: Files, where: str) -> list[t
             return replace(p, values=filled(p.values, longest, f"{where}: {p.name}", rate)[0])
 
         lower, upper = space_angles(markers, source, fill, where)
-        columns |= {"theta1": [lower], "theta2": [upper]}
+        columns |= {of.outputs[0]: [lower], of.outputs[1]: [upper]}
     counts = {name: len(trials) for name, trials in columns.items()}
     if len(set(counts.values())) > 1:
         numbers = ", ".join(f"{name} {n}" for name, n in counts.items())
         raise RecordingError(f"{where}: split.by: expected as many trials in every channel, got {numbers}")
     out = []
     for k in range(counts["stimulus"]):
-        picked = {name: columns[name][k] for name in CHANNELS}
-        out += _pieces(sheet, trial, given, picked, files, where)
+        picked = {name: columns[name][k] for name in channels}
+        out += _pieces(sheet, of, trial, given, picked, files, where)
     return out
-
-
-def _given(sheet: Sheet, trial: TrialSheet, name: str) -> Channel:
-    """What is stated of a channel: of the trial, else of all trials."""
-    return getattr(trial if name in trial.model_fields_set else sheet.channels, name)
 
 
 def _pick_from(channel: Channel, trial: TrialSheet, name: str, where: str) -> tuple[str, str | int]:
@@ -236,6 +233,7 @@ def _flat(picked: Picked, where: str) -> Picked:
 
 def _pieces(
     sheet: Sheet,
+    columns: Columns,
     trial: TrialSheet,
     given: dict[str, Channel],
     picked: dict[str, Picked],
@@ -244,7 +242,11 @@ def _pieces(
 ) -> list[tuple[Series, ...]]:
     """Channels in our units, cut where trials start."""
     clock = _clock(sheet, trial, picked["stimulus"], files, where)
-    parts = [_converted(sheet, name, given[name], picked[name], clock, where) for name in CHANNELS]
+    units = columns.stimulus_unit, *columns.units
+    parts = [
+        _converted(sheet, name, unit, given[name], picked[name], clock, where)
+        for name, unit in zip(given, units, strict=True)
+    ]
     for s in parts[1:]:
         if s.rate_hz == parts[0].rate_hz and s.values.size != parts[0].values.size:
             raise RecordingError(
@@ -256,9 +258,10 @@ def _pieces(
     return [tuple(_cut(s, begin, end, where) for s in parts) for begin, end in starts]
 
 
-def _converted(sheet: Sheet, name: str, channel: Channel, picked: Picked, clock: _Timed | None, where: str) -> Series:
+def _converted(
+    sheet: Sheet, name: str, target: str, channel: Channel, picked: Picked, clock: _Timed | None, where: str
+) -> Series:
     where = f"{where}: {name}"
-    target = STIMULI[sheet.stimulus] if name == "stimulus" else "rad"
     if abs(channel.scale) < 1 / LARGEST_SCALE:
         raise RecordingError(
             f"{where}.scale: expected a size from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}, got {channel.scale:g}"
@@ -285,7 +288,7 @@ def _unit(sheet: Sheet, name: str, channel: Channel, picked: Picked, target: str
     general = sheet.units.stimulus if name == "stimulus" else sheet.units.angle
     from_markers = sheet.markers is not None and name != "stimulus"
     declared = None if from_markers else channel.unit or general
-    stated = picked.unit or (picked.angle_unit if target == "rad" else None)
+    stated = picked.unit or (picked.angle_unit if kind_of(target) == KINDS["rad"] else None)
     calibrated = abs(channel.scale) != 1.0  # the unit is that of the product: volts times N m per volt
     if sheet.units.stated == "ignored" or (calibrated and declared is not None):
         stated = None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -70,14 +71,16 @@ def check(recording: Recording) -> tuple[Suspicion, ...]:
         raise RecordingError(f"{recording.name}: trials: expected at most {MOST_CYCLES_IN_ALL} cycles, got {cycles}")
     for k, trial in enumerate(recording.trials, start=1):
         where = f"{recording.name}: trial {k}"
-        for name, values in _channels(trial):
+        for name, values in _channels(recording, trial):
             _numbers(values, recording.rate_hz, f"{where}: {name}")
-        for name, values in _channels(trial):
+        for name, values in _channels(recording, trial):
             if np.ptp(values) == 0:
                 raise RecordingError(f"{where}: {name}: constant ({values[0]:g}) over the whole trial")
-        if np.array_equal(trial.theta[:, 0], trial.theta[:, 1]):
-            raise RecordingError(f"{where}: theta2: identical to theta1")
-        _ranges(recording, trial, where)
+        for (first, x), (second, y) in combinations(_channels(recording, trial)[1:], 2):
+            if np.array_equal(x, y):
+                raise RecordingError(f"{where}: {second}: identical to {first}")
+        if recording.model is None:  # what a declared model may do is not known
+            _ranges(recording, trial, where)
         suspicions += faults_in_words(recording, trial, where)
         _periodic(recording, trial, where)
         suspicions += _amplitude(recording, trial, where)
@@ -85,8 +88,8 @@ def check(recording: Recording) -> tuple[Suspicion, ...]:
     return tuple(suspicions)
 
 
-def _channels(trial: Trial) -> tuple[tuple[str, np.ndarray], ...]:
-    return ("stimulus", trial.stimulus), ("theta1", trial.theta[:, 0]), ("theta2", trial.theta[:, 1])
+def _channels(recording: Recording, trial: Trial) -> tuple[tuple[str, np.ndarray], ...]:
+    return ("stimulus", trial.stimulus), *zip(recording.columns.outputs, trial.theta.T, strict=True)
 
 
 def _numbers(values: np.ndarray, rate: float, where: str) -> None:
@@ -103,7 +106,7 @@ def _numbers(values: np.ndarray, rate: float, where: str) -> None:
 
 
 def _ranges(recording: Recording, trial: Trial, where: str) -> None:
-    for name, values in _channels(trial)[1:]:
+    for name, values in _channels(recording, trial)[1:]:
         half = np.ptp(values) / 2
         if half > LARGEST_SWAY:
             raise RecordingError(
@@ -188,7 +191,8 @@ def _clock(recording: Recording) -> None:
         return
     trials = ", ".join(str(k + 1) for k in alone)
     some = 0 < len(alone) < len(angles)
-    where = f"trial{'s' * (len(alone) > 1)} {trials}: theta1, theta2" if some else "theta1, theta2"
+    names = recording.columns.names
+    where = f"trial{'s' * (len(alone) > 1)} {trials}: {names}" if some else names
     shift, clock = ("later", "faster") if samples > 0 else ("earlier", "slower")
     raise RecordingError(
         f"{recording.name}: {where}: answer {abs(samples) / recording.rate_hz:.2g} s {shift} in every cycle than in "
@@ -212,9 +216,9 @@ def _wrong_delay(angles: Sequence[np.ndarray], seen: Sequence[_Alike], rate_hz: 
 
 def _strongest(angles: Sequence[np.ndarray], period: int) -> slice:
     """Harmonics of the narrow band around the one at which cycles differ most, as a share of all their differences."""
-    power = np.zeros((period // 2 + 1, 2))
+    power = np.zeros((period // 2 + 1, angles[0].shape[1]))
     for theta in angles:
-        cycles = theta[period : theta.shape[0] // period * period].reshape(-1, period, 2)
+        cycles = theta[period : theta.shape[0] // period * period].reshape(-1, period, theta.shape[1])
         power += (np.abs(np.fft.rfft(np.diff(cycles, axis=0), axis=1)) ** 2).sum(axis=0)
     power[:CLOCK_HARMONIC] = 0.0
     centre = int((power / np.maximum(power.sum(axis=0), 1e-300)).max(axis=1).argmax())
@@ -242,7 +246,7 @@ def _alike(theta: np.ndarray, period: int, without: slice | None = None) -> _Ali
     taper = 1.0 if without is None else np.hanning(period)[:, None]
     reach = max(1, round(CLOCK_SHARE * period))
     lags = np.arange(-reach, reach + 1)
-    cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, 2)[1:]
+    cycles = theta[: theta.shape[0] // period * period].reshape(-1, period, theta.shape[1])[1:]
     n = len(cycles)
     spectra = np.fft.rfft(cycles * taper, axis=1)
     spectra[:, :CLOCK_HARMONIC] = 0.0

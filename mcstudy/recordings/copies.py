@@ -53,7 +53,7 @@ EQUAL = 1e-6
 
 @dataclass(frozen=True)
 class _Signature:
-    """A trial for comparison: its angles (m, 2) every `STEP_S`, the period in the same unit, and the power of the
+    """A trial for comparison: its columns (m, Y) every `STEP_S`, the period in the same unit, and the power of the
     difference of two of its cycles."""
 
     name: str
@@ -65,14 +65,14 @@ class _Signature:
     def of(cls, name: str, trial: Trial, rate_hz: float, period_s: float | None) -> _Signature:
         n = trial.samples
         at = np.arange(int(n / rate_hz / STEP_S) + 1) * STEP_S * rate_hz
-        total = np.concatenate([np.zeros((1, 2)), np.cumsum(trial.theta, axis=0)])
-        x = np.column_stack([np.diff(np.interp(at, np.arange(n + 1), total[:, k])) for k in (0, 1)])
+        total = np.concatenate([np.zeros((1, trial.theta.shape[1])), np.cumsum(trial.theta, axis=0)])
+        x = np.column_stack([np.diff(np.interp(at, np.arange(n + 1), column)) for column in total.T])
         x /= STEP_S * rate_hz
         p, cycles = None, None
         if period_s is not None and n / rate_hz >= 3 * period_s:
             p = period_s / STEP_S
             m = np.arange(int(p), x.shape[0] - int(p) - 1)
-            later = np.column_stack([np.interp(m + p, np.arange(x.shape[0]), x[:, k]) for k in (0, 1)])
+            later = np.column_stack([np.interp(m + p, np.arange(x.shape[0]), column) for column in x.T])
             cycles = _power(later - x[m])
         return cls(name, x - x.mean(axis=0), p, cycles)
 
@@ -82,7 +82,7 @@ def _power(x: np.ndarray) -> float:
 
 
 def _apart(x: np.ndarray) -> float:
-    """Power of a difference (m, 2) without its linear trend, which programs take out."""
+    """Power of a difference (m, Y) without its linear trend, which programs take out."""
     line = np.linspace(-1.0, 1.0, len(x))
     slopes = line @ x / (line @ line)
     return _power(x - line[:, None] * slopes)
@@ -178,7 +178,7 @@ def _copy(a: _Signature, b: _Signature, lag: int) -> bool:
 
 
 def _between(x: np.ndarray, at: slice, part: float) -> np.ndarray:
-    """Samples (m, 2) at ``at`` + ``part``, by the cubic through four of them (Lagrange)."""
+    """Samples (m, Y) at ``at`` + ``part``, by the cubic through four of them (Lagrange)."""
     p = part
     weights = (
         -p * (p - 1) * (p - 2) / 6,
@@ -190,9 +190,8 @@ def _between(x: np.ndarray, at: slice, part: float) -> np.ndarray:
 
 
 def _equal(a: FrfRecording, b: FrfRecording) -> bool:
-    if a.f.shape != b.f.shape or not np.allclose(a.f, b.f, rtol=1e-4) or a.single != b.single:
+    if a.y.shape != b.y.shape or not np.allclose(a.f, b.f, rtol=1e-4):
         return False
-    n = 1 if a.single else 2
-    apart = np.abs(a.y - b.y)[:, :n] ** 2
-    variance = np.einsum("nii->ni", a.C + b.C).real[:, :n]
+    apart = np.abs(a.y - b.y) ** 2
+    variance = np.einsum("nii->ni", a.C + b.C).real
     return bool((apart / variance).mean() <= COPY_FRF)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Self
 
 import numpy as np
 
 from mcstudy.errors import RecordingError
+from mcstudy.recordings.columns import Columns
 from mcstudy.recordings.gain_and_phase import response
-from mcstudy.recordings.recording import LEAST_LINES, escape_texts
+from mcstudy.recordings.recording import LEAST_LINES, escape_texts, told_subject
 from mcstudy.recordings.refusals import require_known, require_within
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.stance.body import SINGLE, Body, one_segment, two_segment
@@ -24,14 +28,31 @@ GAIN = Range(0.0, 1e3, "rad per unit of the stimulus")
 SD = Range(1e-12, 1e3, "rad per unit of the stimulus")
 """Standard deviations of a published FRF."""
 
+ANY = Range(1e-30, 1e30, or_zero=True)
+"""Frequencies, gains and standard deviations of a declared model, whose units may be any."""
+
 PARTS = ("re", "im", "gain", "phase", "sd")
 """Of the response of an angle."""
+
+MISSING = {
+    "1": ": a fit needs the first angle, of the legs or the centre of mass; the hip alone does not suffice",
+    "2": ": another column tells of the second angle; give its response, or leave the other out",
+}
+"""What is said where the response of an angle of a standing body is missing."""
 
 ROUNDING = 0.1
 """Share of a response by which its two forms, complex and polar, may differ."""
 
-COLUMNS = ("f", *(f"{part}{k}" for k in (1, 2) for part in PARTS), "c12_re", "c12_im")
-"""Columns of a table of responses; see `frf_of_columns`."""
+
+def labels_of(model: Model | None) -> tuple[str, ...]:
+    """What tells the columns of outputs apart: ``1`` and ``2`` of a standing body, names of outputs behind a ``_``."""
+    return ("1", "2") if model is None else tuple(f"_{name}" for name in model.output_names)
+
+
+def columns_of(labels: Sequence[str]) -> tuple[str, ...]:
+    """Columns of a table of responses; see `frf_of_columns`."""
+    across = (f"c{a}{b}_{part}" for a, b in combinations(labels, 2) for part in ("re", "im"))
+    return ("f", *(f"{part}{k}" for k in labels for part in PARTS), *across)
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,18 +64,21 @@ class FrfRecording(Summary):
     f
         (N,), Hz, increasing; at least 4.
     y
-        (N, 2), complex FRFs of theta1 and theta2, rad per unit of the stimulus.
+        (N, Y), complex FRFs of what was measured: of a standing body its two angles, or the first one, rad per unit of
+        the stimulus; of a declared model its outputs, in their units.
     C
-        (N, 2, 2), complex covariance of ``y``: E[error error^H].
+        (N, Y, Y), complex covariance of ``y``: E[error error^H].
     stimulus
         Kind of stimulus, as in `Recording`.
     body
         Inertia and gravity of the person.
     single
-        Whether only the first angle (a centre-of-mass or leg angle) was published. The one-segment model is then the
-        base, and the second angle is zero in data and model.
+        Whether only the first angle (a centre-of-mass or leg angle) of a standing body was published. The one-segment
+        model is then the base, and the second angle is zero in data and model.
     name, provenance
         Text for people.
+    model
+        The declared model whose outputs were measured; None for a standing body.
 
     Raises
     ------
@@ -70,19 +94,24 @@ class FrfRecording(Summary):
     single: bool = False
     name: str = "frf"
     provenance: str = ""
+    model: Model | None = None
 
     def __post_init__(self) -> None:
         escape_texts(self, "name", "provenance")
+        if self.model is not None:
+            object.__setattr__(self, "stimulus", "stimulus")
+        Y = len(Columns.of(self.model, self.stimulus).outputs)
         f, y, C, name = self.f, self.y, self.C, self.name
         n = f.size
-        if f.shape != (n,) or y.shape != (n, 2) or C.shape != (n, 2, 2) or n < LEAST_LINES:
-            raise RecordingError(f"{name}: expected at least {LEAST_LINES} points, f (N,), y (N, 2), C (N, 2, 2)")
+        if f.shape != (n,) or y.shape != (n, Y) or C.shape != (n, Y, Y) or n < LEAST_LINES:
+            raise RecordingError(f"{name}: expected at least {LEAST_LINES} points, f (N,), y (N, {Y}), C (N, {Y}, {Y})")
         for label, values in (("f", f), ("y", y), ("C", C)):
             if not np.isfinite(values).all():
                 raise RecordingError(f"{name}: {label}: a value is not finite")
         variance = np.einsum("nii->ni", C).real
         sd = np.sqrt(np.maximum(variance, 0.0))
-        for label, allowed, of_lines in (("f", F_HZ, f), ("gain", GAIN, np.abs(y)), ("sd", SD, sd)):
+        ranges = (F_HZ, GAIN, SD) if self.model is None else (ANY, ANY, ANY)
+        for label, allowed, of_lines in zip(("f", "gain", "sd"), ranges, (f, np.abs(y), sd), strict=True):
             for value in (float(of_lines.min()), float(of_lines.max())):
                 require_within(allowed, value, f"{name}: {label}")
         if (late := np.flatnonzero(np.diff(f) <= 0)).size:
@@ -91,7 +120,8 @@ class FrfRecording(Summary):
             )
         if self.single:
             require_known(self.stimulus, SINGLE, f"{name}: stimulus", " where one angle was published")
-        if (np.abs(C[:, 0, 1]) ** 2 >= (1 - 1e-9) * variance.prod(axis=1)).any():
+        pairs = combinations(range(Y), 2)
+        if any((np.abs(C[:, i, j]) ** 2 >= (1 - 1e-9) * variance[:, i] * variance[:, j]).any() for i, j in pairs):
             raise RecordingError(
                 f"{name}: C: the covariance must be positive definite; expected |c12| below the product of the sd"
             )
@@ -103,25 +133,42 @@ class FrfRecording(Summary):
             ("name", shortened(self.name)),
             ("stimulus", self.stimulus),
             ("points", f"{f.size}, {f[0]:.4g} to {f[-1]:.4g} Hz" if f.size else "0"),
-            ("angles", "theta1" if self.single else "theta1, theta2"),
-            ("body", f"m g h = {self.body.mgh:.4g} N m/rad"),
+            ("measured", self.columns.names),
+            told_subject(self),
         ]
         return facts + ([("provenance", shortened(self.provenance))] if self.provenance else [])
 
+    @property
+    def columns(self) -> Columns:
+        """Names and units of what was measured, and the unit of the stimulus."""
+        columns = Columns.of(self.model, self.stimulus)
+        return replace(columns, outputs=columns.outputs[:1], units=columns.units[:1]) if self.single else columns
+
+    def with_columns(self, model: Model, at: Sequence[int], factor: np.ndarray, drive: float) -> Self:
+        """The same as responses of a declared model: its outputs (Y,) are the columns ``at`` times a ``factor``.
+
+        ``drive``: factor of the stimulus.
+        """
+        per = factor / drive
+        C = self.C[:, list(at)][:, :, list(at)] * np.outer(per, per)
+        return replace(self, y=self.y[:, list(at)] * per, C=C, single=False, model=model)
+
     def base_model(self) -> Model:
         """The model without effects for these data."""
+        if self.model is not None:
+            return self.model
         return (one_segment if self.single else two_segment)(self.body, self.stimulus)
 
 
 def frf_of_columns(
-    columns: dict[str, np.ndarray], scale: float, name: str
+    columns: dict[str, np.ndarray], scale: np.ndarray | float, name: str, labels: Sequence[str] = ("1", "2")
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-    """f (N,), y (N, 2) and C (N, 2, 2) of a `FrfRecording` from named columns, and whether only one angle is there.
+    """f (N,), y (N, Y) and C (N, Y, Y) of a `FrfRecording` from named columns, and whether only the first of two is.
 
-    Columns: ``f``, in any order; per angle k = 1, 2 either ``re<k>`` and ``im<k>`` or ``gain<k>`` and ``phase<k>``
-    (deg), or both where they say the same; ``sd<k>``, the root of E|error|^2 of the mean; optionally ``c12_re`` and
-    ``c12_im``, the cross-covariance. ``scale`` turns the FRFs' angle unit into rad. Raises `RecordingError` naming a
-    missing column.
+    Columns: ``f``, in any order; per output, of which k is the label, either ``re<k>`` and ``im<k>`` or ``gain<k>`` and
+    ``phase<k>`` (deg), or both where they say the same; ``sd<k>``, the root of E|error|^2 of the mean; optionally
+    ``c<k><m>_re`` and ``c<k><m>_im``, the cross-covariance of k and m. ``scale`` (Y,) turns the units of the FRFs into
+    ours. Raises `RecordingError` naming a missing column.
     """
     if "f" in columns:
         order = np.argsort(columns["f"], kind="stable")
@@ -134,15 +181,10 @@ def frf_of_columns(
             raise RecordingError(f"{name}: {key}: a value is not finite")
         return columns[key]
 
-    def response_of(k: int) -> np.ndarray:
+    def response_of(k: str) -> np.ndarray:
         polar = f"gain{k}", f"phase{k}"
-        why = (
-            ": a fit needs the first angle, of the legs or the centre of mass; the hip alone does not suffice"
-            if k == 1
-            else ": another column tells of the second angle; give its response, or leave the other out"
-        )
         if not {f"re{k}", f"im{k}"} & set(columns):
-            return response(need(polar[0], why), need(polar[1]), name, polar)
+            return response(need(polar[0], MISSING.get(k, "")), need(polar[1]), name, polar)
         y = need(f"re{k}") + 1j * need(f"im{k}")
         if set(polar) & set(columns):
             unlike = np.abs(response(need(polar[0]), need(polar[1]), name, polar) - y) > ROUNDING * np.abs(y)
@@ -153,18 +195,32 @@ def frf_of_columns(
                 )
         return y
 
-    single = not any(c.startswith("c12_") or c in {f"{part}2" for part in PARTS} for c in columns)
-    f = need("f")
-    y, C = np.zeros((f.size, 2), dtype=complex), np.zeros((f.size, 2, 2), dtype=complex)
-    C[:, 1, 1] = 1.0
-    for k in (1,) if single else (1, 2):
-        y[:, k - 1] = scale * response_of(k)
+    single = tuple(labels) == ("1", "2") and not set(columns_of(labels)) - set(columns_of("1")) & set(columns)
+    f, Y = need("f"), len(labels)
+    labels = labels[:1] if single else labels
+    per = np.broadcast_to(np.asarray(scale, dtype=float), (Y,))
+    y, C = np.zeros((f.size, Y), dtype=complex), np.tile(np.eye(Y, dtype=complex), (f.size, 1, 1))
+    for i, k in enumerate(labels):
+        y[:, i] = per[i] * response_of(k)
         meaning = "the standard error of the complex response, in the unit of the gain"
         sd = need(f"sd{k}", f": {meaning}")
         if not (sd > 0).all():
             raise RecordingError(f"{name}: sd{k}: expected positive numbers, got {sd[~(sd > 0)][0]:g}; it is {meaning}")
-        C[:, k - 1, k - 1] = (scale * sd) ** 2
-    if {"c12_re", "c12_im"} & set(columns):
-        C[:, 0, 1] = scale**2 * (need("c12_re") + 1j * need("c12_im"))
-        C[:, 1, 0] = C[:, 0, 1].conj()
+        C[:, i, i] = (per[i] * sd) ** 2
+    _fill_covariances(C, labels, per, columns, need)
     return f, y, C, single
+
+
+def _fill_covariances(
+    C: np.ndarray,
+    labels: Sequence[str],
+    per: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    need: Callable[[str], np.ndarray],
+) -> None:
+    """Fill C (N, Y, Y) with the covariances between outputs that the columns state."""
+    for (i, a), (j, b) in combinations(enumerate(labels), 2):
+        re, im = f"c{a}{b}_re", f"c{a}{b}_im"
+        if {re, im} & set(columns):
+            C[:, i, j] = per[i] * per[j] * (need(re) + 1j * need(im))
+            C[:, j, i] = C[:, i, j].conj()

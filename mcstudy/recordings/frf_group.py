@@ -13,6 +13,7 @@ import xarray as xr
 from mcstudy.errors import RecordingError
 from mcstudy.files.delimited import NUMBER, decimal_sign, labelled, number
 from mcstudy.files.local_path import local_path
+from mcstudy.recordings.columns import Columns
 from mcstudy.recordings.copies import equal_rows
 from mcstudy.recordings.data_files import Files
 from mcstudy.recordings.formats.text import LARGEST_FILE
@@ -65,8 +66,9 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
     files = Files(path.parent if data is None else Path(data), Dialect(), str(path))
     body, source = body_of(sheet.body, files.source, str(path))
     table = inside(path.parent if data is None else Path(data), sheet.frf_group.file, str(path))
-    sheet.units.require_both(sheet.stimulus, str(path))
-    scale = frf_factor(sheet.units.angle, sheet.units.stimulus, sheet.stimulus, str(path))
+    columns = Columns.of(None, sheet.stimulus)
+    sheet.units.require_both(columns, str(path))
+    scale = float(frf_factor(sheet.units.angle, sheet.units.stimulus, columns, str(path))[0])
     people, conditions, frf = _rows(sheet.frf_group, table)
     frf = scale * frf
     if sheet.upper_body == "hip":

@@ -11,11 +11,13 @@ from mcstudy.files.json_files import own_folder
 from mcstudy.files.local_path import local_path
 from mcstudy.files.untrusted import json_document, real_bytes
 from mcstudy.recordings.checks import check
+from mcstudy.recordings.columns import ModelLike, model_of
 from mcstudy.recordings.formats.netcdf_zarr import SHEET, read_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.guards import regular
 from mcstudy.recordings.recording import EXPECTED, Recording
 from mcstudy.recordings.refusals import refused
+from mcstudy.stance.feedback import Model
 
 NETCDF = (".nc", ".nc4", ".h5")
 
@@ -23,7 +25,9 @@ NAMELESS = ("recording", "frf", "simulated")
 """Names that stand for none; such a recording has the name of its file."""
 
 
-def read_recording(path: str | Path, data: str | Path | None = None) -> Recording | FrfRecording:
+def read_recording(
+    path: str | Path, data: str | Path | None = None, model: ModelLike | None = None
+) -> Recording | FrfRecording:
     """Read a recording and check it.
 
     Parameters
@@ -33,6 +37,9 @@ def read_recording(path: str | Path, data: str | Path | None = None) -> Recordin
         a ``.csv`` is read with the ``.toml`` of the same name.
     data
         Folder of the files that a ``.toml`` names; its own folder when None.
+    model
+        The declared model whose outputs the columns are, by name: a `mcstudy.Model`, its name, or its file. None for a
+        standing body, and for a recording that names its model.
 
     Returns
     -------
@@ -46,7 +53,8 @@ def read_recording(path: str | Path, data: str | Path | None = None) -> Recordin
         The recording cannot be used; one line that names file and field.
     """
     path = local_path(path)
-    recording = _structure(path, None if data is None else Path(data))
+    declared = model_of(model)
+    recording = _structure(path, None if data is None else Path(data), declared)
     if recording.name in NAMELESS:
         recording = replace(recording, name=path.resolve().parent.name if path.name == SHEET else path.stem)
     if isinstance(recording, FrfRecording):
@@ -55,7 +63,7 @@ def read_recording(path: str | Path, data: str | Path | None = None) -> Recordin
         return replace(recording, suspicions=check(recording))
 
 
-def _structure(path: Path, data: Path | None) -> Recording | FrfRecording:
+def _structure(path: Path, data: Path | None, model: Model | None) -> Recording | FrfRecording:
     if not path.exists():
         raise RecordingError(f"{path}: no such file")
     regular(path)
@@ -67,13 +75,13 @@ def _structure(path: Path, data: Path | None) -> Recording | FrfRecording:
             raise RecordingError(
                 f"{path}: expected {sheet.name} in the same folder, with rate, units, stimulus and body"
             )
-        return read_sheet(sheet, data)
+        return read_sheet(sheet, data, model)
     if _holds(path, "study_cube"):
         raise RecordingError(f"{path}: this is a results cube (for mcstudy show and mcstudy report); {EXPECTED}")
     if path.is_dir() and path.suffix != ".zarr":
         raise RecordingError(f"{path}: this is a folder{_within(path)}; {EXPECTED}")
     if path.suffix in NETCDF or path.suffix == ".zarr":
-        return read_dataset(path)
+        return read_dataset(path, model)
     raise RecordingError(f"{path}: expected a name ending in {', '.join(NETCDF)}, .zarr, .toml or .csv; {EXPECTED}")
 
 

@@ -36,6 +36,11 @@ class JointRecording(Summary):
 
     def __post_init__(self) -> None:
         first, *rest = self.parts
+        if first.model is not None:
+            raise RecordingError(
+                f"{self.name}: expected one stimulus, period and sampling rate for outputs of a declared model "
+                f"({first.model.name}), got several"
+            )
         for r in rest:
             refuse_other_body(first, r)
 
@@ -80,6 +85,8 @@ AnyRecording = Recording | FrfRecording | JointRecording
 
 def refuse_other_body(first: Recording, other: Recording) -> None:
     """Raise `RecordingError`, naming the first constant, when ``other`` states another body."""
+    if first.model != other.model:
+        raise RecordingError(f"{other.name}: model: expected that of {first.name}, got another one")
     for f in fields(first.body):
         mine, given = getattr(first.body, f.name), getattr(other.body, f.name)
         if mine != given:

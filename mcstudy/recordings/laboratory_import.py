@@ -13,10 +13,11 @@ from mcstudy.errors import RecordingError
 from mcstudy.recordings.assembly import Assembled, assemble, with_files
 from mcstudy.recordings.channels import Read, Series
 from mcstudy.recordings.checks import check, repeats_every
+from mcstudy.recordings.columns import model_of
 from mcstudy.recordings.formats import open_source
 from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.recording import Recording
-from mcstudy.recordings.refusals import size_text
+from mcstudy.recordings.refusals import refused, size_text
 from mcstudy.recordings.sheets.recording_sheet import document
 from mcstudy.text_tables import escaped, number, table
 
@@ -52,7 +53,9 @@ class Imported:
         cycles = "" if r.period_s is None else f", {', '.join(map(str, r.cycles))} whole cycles"
         facts = [
             f"period: {period}{cycles}; {r.duration_s:g} s in all at {r.rate_hz:g} Hz",
-            f"body: m g h = {number(r.body.mgh)} N m/rad; J about the ankle = {number(r.body.J1 + r.body.C2)} kg m^2",
+            f"body: m g h = {number(r.body.mgh)} N m/rad; J about the ankle = {number(r.body.J1 + r.body.C2)} kg m^2"
+            if r.model is None
+            else f"model: {r.model.name}",
         ]
         return "\n".join([table(header, rows), "", *facts, *self.notes])
 
@@ -91,7 +94,9 @@ def import_files(
     stated = document(Path(described)) if described is not None else {}
     sheet = with_files(merged(stated, options or {}), names, where)
     folder = Path(described).parent if described is not None else Path(".")
-    assembled: Assembled = assemble(sheet, folder, where, own=names)
+    with refused(RecordingError, where=where):
+        model = model_of(sheet.model, folder)
+    assembled: Assembled = assemble(sheet, folder, where, names, model)
     _require_units(assembled.read, where)
     recording = assembled.recording
     if not recording.name or recording.name == "recording":

@@ -1,21 +1,23 @@
-"""A recording: one or more trials with a known stimulus and two sway angles, and the body of the person.
+"""A recording: one or more trials with a known stimulus and what was measured, and the body of the person.
 
-Inside the program angles are in rad, the stimulus is in the unit of its kind (`mcstudy.stance.body.STIMULI`), and the
-columns of ``theta`` are the joint angles (theta1, theta2): lower body in space and hip. `mcstudy.recordings.io`
-reads and writes recordings; `mcstudy.recordings.checks` checks them.
+Inside the program angles of a standing body are in rad, the stimulus is in the unit of its kind
+(`mcstudy.stance.body.STIMULI`), and the columns of ``theta`` are the joint angles: lower body in space and hip. Those
+of a declared model are its outputs, in its units (`mcstudy.recordings.columns`). `mcstudy.recordings.io` reads and
+writes recordings; `mcstudy.recordings.checks` checks them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from mcstudy.errors import RecordingError
+from mcstudy.recordings.columns import Columns
 from mcstudy.recordings.refusals import require_known, require_within
 from mcstudy.short_repr import Summary, shortened
 from mcstudy.stance.body import STIMULI, Body, two_segment, with_scaled_gains
@@ -64,6 +66,9 @@ AMPLITUDE = {
 }
 """Range of the stated amplitude of a trial by unit of the stimulus; a peak-to-peak value may be twice a peak."""
 
+ANY_AMPLITUDE = Range(1e-30, 1e30)
+"""The same for a declared model, whose unit may be any."""
+
 
 @dataclass(frozen=True)
 class Suspicion:
@@ -96,7 +101,8 @@ class Trial(Summary):
     stimulus
         (n,), in the unit of its kind: N m, m for a translation, rad for a tilt.
     theta
-        (n, 2), rad: theta1, the lower body in space, and theta2, the hip angle.
+        (n, Y), what was measured: of a standing body its two angles in rad, the lower body in space and the hip; of a
+        declared model its outputs.
     amplitude
         Amplitude as stated for the trial, in the unit of the stimulus, or None.
     left_out
@@ -120,7 +126,7 @@ class Trial(Summary):
 
     def facts(self) -> list[tuple[str, str]]:
         """What a prompt shows."""
-        sway = np.ptp(self.theta, axis=0) / 2 if self.samples else np.full(2, np.nan)
+        sway = np.ptp(self.theta, axis=0) / 2 if self.samples else np.full(self.theta.shape[1:], np.nan)
         peak = self.peak if self.samples else np.nan
         return [
             ("samples", str(self.samples)),
@@ -128,7 +134,7 @@ class Trial(Summary):
                 "stimulus",
                 f"±{peak:.4g}, stated amplitude {'none' if self.amplitude is None else f'{self.amplitude:g}'}",
             ),
-            ("theta1, theta2", ", ".join(f"±{x:.3g} rad" for x in sway)),
+            ("measured", ", ".join(f"±{x:.3g}" for x in sway)),
         ]
 
 
@@ -176,6 +182,9 @@ class Recording(Summary):
         Possible errors that the checks found but could not prove.
     person, condition
         Who was recorded and in which condition, for groups of people; empty when not stated.
+    model
+        The declared model whose outputs were measured; None for a standing body. With a model, ``body`` and the kind of
+        stimulus have no meaning.
 
     Raises
     ------
@@ -194,22 +203,29 @@ class Recording(Summary):
     suspicions: tuple[Suspicion, ...] = ()
     person: str = ""
     condition: str = ""
+    model: Model | None = None
 
     def __post_init__(self) -> None:
         escape_texts(self, "name", "provenance", "person", "condition")
         if not self.trials:
             raise RecordingError(f"{self.name}: trials: expected at least one")
-        require_known(self.stimulus, STIMULI, f"{self.name}: stimulus kind")
+        if self.model is None:
+            require_known(self.stimulus, STIMULI, f"{self.name}: stimulus kind")
+        else:
+            object.__setattr__(self, "stimulus", "stimulus")
         require_known(self.convention, CONVENTIONS, f"{self.name}: convention")
         refuse_size(len(self.trials), sum(t.samples for t in self.trials), self.name)
         for f in fields(self):
             if "within" in f.metadata:
                 require_within(f.metadata["within"], getattr(self, f.name), f"{self.name}: {f.name}")
         for k, trial in enumerate(self.trials, start=1):
-            require_within(AMPLITUDE[self.stimulus_unit], trial.amplitude, f"{self.name}: trial {k}: amplitude")
-            if trial.stimulus.ndim != 1 or trial.theta.shape != (trial.samples, 2):
+            allowed = AMPLITUDE[self.stimulus_unit] if self.model is None else ANY_AMPLITUDE
+            require_within(allowed, trial.amplitude, f"{self.name}: trial {k}: amplitude")
+            measured = len(self.columns.outputs)
+            if trial.stimulus.ndim != 1 or trial.theta.shape != (trial.samples, measured):
+                what = "angles" if self.model is None else self.columns.names
                 raise RecordingError(
-                    f"{self.name}: trial {k}: expected a stimulus (n,) and angles (n, 2), "
+                    f"{self.name}: trial {k}: expected a stimulus (n,) and {what} (n, {measured}), "
                     f"got {trial.stimulus.shape} and {trial.theta.shape}"
                 )
 
@@ -222,16 +238,21 @@ class Recording(Summary):
             ("stimulus", f"{self.stimulus} ({self.stimulus_unit}), {period}, amplitudes stated as {self.convention}"),
             ("trials", f"{len(self.trials)}, {self.duration_s:g} s in all at {self.rate_hz:g} Hz"),
             ("amplitudes", f"{spread(self.amplitudes)} {self.stimulus_unit} (peak)"),
-            ("body", f"m g h = {self.body.mgh:.4g} N m/rad"),
+            told_subject(self),
         ]
         facts += [("provenance", shortened(self.provenance))] if self.provenance else []
         facts += [(n, shortened(t)) for n, t in (("person", self.person), ("condition", self.condition)) if t]
         return facts + ([("odd", shortened(noted, 600))] if noted else [])
 
     @property
+    def columns(self) -> Columns:
+        """Names and units of what was measured, and the unit of the stimulus."""
+        return Columns.of(self.model, self.stimulus)
+
+    @property
     def stimulus_unit(self) -> str:
         """Unit of the stimulus."""
-        return STIMULI[self.stimulus]
+        return self.columns.stimulus_unit
 
     @property
     def period(self) -> int | None:
@@ -278,15 +299,40 @@ class Recording(Summary):
         return np.array([t.peak for t in self.trials])
 
     def base_model(self) -> Model:
-        """The model on this body and stimulus, its gains scaled to the body's weight.
+        """The declared model, or that on this body and stimulus, its gains scaled to the body's weight.
 
         Gains and their bounds are those of `two_segment` times the ratio of m g h to the paper's.
         """
+        if self.model is not None:
+            return self.model
         return with_scaled_gains(two_segment(self.body, self.stimulus), self.body.mgh / Body().mgh)
+
+    def with_columns(self, model: Model, at: Sequence[int], factor: np.ndarray, drive: float) -> Self:
+        """The same as a recording of a declared model: its outputs (Y,) are the columns ``at`` times a ``factor``.
+
+        ``drive``: factor of the stimulus.
+        """
+        trials = tuple(
+            replace(
+                t,
+                stimulus=t.stimulus * drive,
+                theta=t.theta[:, list(at)] * factor,
+                amplitude=None if t.amplitude is None else t.amplitude * drive,
+            )
+            for t in self.trials
+        )
+        return replace(self, trials=trials, model=model)
 
     def select(self, trials: tuple[int, ...]) -> Recording:
         """The recording with some of its trials, given by their positions, (0, 2) for the first and third."""
         return replace(self, trials=tuple(self.trials[k] for k in trials))
+
+
+def told_subject(recording: Any) -> tuple[str, str]:
+    """What a prompt shows of the body, or of the declared model, of a recording."""
+    if recording.model is None:
+        return "body", f"m g h = {recording.body.mgh:.4g} N m/rad"
+    return "model", f"{recording.model.name}: {recording.columns.names} ({recording.columns.unit})"
 
 
 def spread(values: Iterable[float]) -> str:

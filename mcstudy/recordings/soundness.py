@@ -12,8 +12,6 @@ from mcstudy.recordings.faults import Fault, angle_faults, constant_end, stimulu
 from mcstudy.recordings.recording import LEAST_CYCLES, Recording, Suspicion, Trial, sentences
 from mcstudy.recordings.resampling import interpolated
 
-ANGLES = ("theta1", "theta2")
-
 CODES = {
     "held": "stuck",
     "clipped": "clipped",
@@ -46,15 +44,15 @@ class _Told:
 
 
 def _faults(trial: Trial, recording: Recording, discard: int = 1) -> list[_Told]:
-    """Faults of a trial, those that both angles have at the same time once; none of a quiet start that is discarded."""
-    first, second = (angle_faults(x, recording.rate_hz) for x in trial.theta.T)
+    """Faults of a trial, those of several outputs at the same time once; none of a quiet start that is discarded."""
+    outputs = recording.columns.outputs
+    faults = {name: angle_faults(x, recording.rate_hz) for name, x in zip(outputs, trial.theta.T, strict=True)}
     by_kind: dict[tuple[str, tuple[str, ...]], list[Fault]] = {}
-    for name, faults, other in ((ANGLES[0], first, second), (ANGLES[1], second, first)):
-        for f in faults:
-            both = any(g.kind == f.kind and g.start < f.stop and f.start < g.stop for g in other)
-            if both and name == ANGLES[1]:
-                continue
-            by_kind.setdefault((f.kind, ANGLES if both else (name,)), []).append(f)
+    for name in outputs:
+        for f in faults[name]:
+            meet = {n for n in outputs for g in faults[n] if g.kind == f.kind and g.start < f.stop and f.start < g.stop}
+            if name == min(meet, key=outputs.index):
+                by_kind.setdefault((f.kind, tuple(n for n in outputs if n in meet)), []).append(f)
     period = recording.period
     if period is not None:
         quiet = QUIET_START * period if discard else 0
@@ -99,9 +97,9 @@ def _what(group: _Told, trial: Trial, recording: Recording) -> str:
     if group.kind == "held":
         return "is exactly 0" if all(f.size == 0 for f in group.faults) else "is constant"
     if group.kind == "clipped":
-        return f"is constant at the end of its range ({np.rad2deg(largest.size):.3g} deg: clipped)"
+        return f"is constant at the end of its range ({_size(largest.size, recording, 3)}: clipped)"
     if group.kind in ("spike", "step"):
-        up = f"{abs(np.rad2deg(largest.size)):.2g} deg"
+        up = _size(abs(largest.size), recording, 2)
         return f"jumps by {up} and back" if group.kind == "spike" else f"steps by {up} and stays there"
     if group.kind == "constant":
         ends = group.faults[-1].stop >= trial.samples - (trial.samples % (recording.period or 1))
@@ -112,6 +110,12 @@ def _what(group: _Told, trial: Trial, recording: Recording) -> str:
             else f"is constant ({value}) unlike in other cycles"
         )
     return "differs from its other cycles"
+
+
+def _size(value: float, recording: Recording, digits: int) -> str:
+    """A value of an output with its unit, of an angle in deg."""
+    unit = recording.columns.unit
+    return f"{np.rad2deg(value):.{digits}g} deg" if unit == "rad" else f"{value:.{digits}g} {unit}"
 
 
 def with_left_out(recording: Recording, accept: Iterable[str] = (), discard: int = 1) -> Recording:

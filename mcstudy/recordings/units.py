@@ -127,8 +127,17 @@ def kind_of(unit: str | None) -> str | None:
 
 
 def factor(unit: str, target: str, where: str) -> float:
-    """Factor that converts values in ``unit`` to ``target``; `RecordingError` names ``where``."""
+    """Factor that converts values in ``unit`` to ``target``; `RecordingError` names ``where``.
+
+    ``target``: one of `FACTORS`, or the unit that a model declares; one that is not known here is only equal to itself.
+    """
     spelled = _spelled(unit)
+    if target not in FACTORS:
+        kind = _TARGET.get(_spelled(target) or "")
+        if kind is not None:
+            return factor(unit, kind, where) / factor(target, kind, where)
+        require_known(unit, (target,), f"{where}: unit")
+        return 1.0
     if spelled not in FACTORS[target]:
         require_known(unit, FACTORS[target], f"{where}: unit")
     return FACTORS[target][spelled or unit]
@@ -140,10 +149,10 @@ def agreed(declared: str | None, stated: str | None, target: str, where: str, na
     ``target``: the unit that its kind is converted to. Raises `RecordingError`, naming ``where``, for a file that
     states a unit of another kind, or of the same kind but not the declared one; text that is no unit states nothing.
     """
-    kind = kind_of(stated)
-    if kind is not None and kind != KINDS[target]:
+    kind, wanted = kind_of(stated), kind_of(target)
+    if kind is not None and wanted is not None and kind != wanted:
         raise RecordingError(
-            f"{where}: unit: expected {KINDS[target]}, but the file states {stated} ({kind}) for {name}; name another "
+            f"{where}: unit: expected {wanted}, but the file states {stated} ({kind}) for {name}; name another "
             "variable, or state that its units are wrong (units.stated, --stated-units ignored)"
         )
     if kind is None or stated is None:

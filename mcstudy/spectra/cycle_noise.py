@@ -20,7 +20,7 @@ from mcstudy.spectra.transient import TransientMean
 class Cycles:
     """Fourier coefficients of every analysed cycle, R of them, at harmonics 0 ... K - 1.
 
-    Attributes: stimulus (R, K); theta (R, K, 2), or (orders, R, K, 2) until an order of `leakage` is chosen;
+    Attributes: stimulus (R, K); theta (R, K, Y), or (orders, R, K, Y) until an order of `leakage` is chosen;
     trial, cycle, amplitude: (R,).
     """
 
@@ -51,7 +51,7 @@ class CycleNoise(Protocol):
         """The cycles, of one order of `mcstudy.spectra.leakage`, without the transient that it can estimate."""
 
     def __call__(self, cycles: Cycles) -> tuple[np.ndarray, np.ndarray]:
-        """Unbiased covariance (N, 2, 2) of one cycle, and its degrees of freedom (N,)."""
+        """Unbiased covariance (N, Y, Y) of one cycle, and its degrees of freedom (N,)."""
 
 
 def understatement(harmonics: np.ndarray, trials: int) -> np.ndarray:
@@ -86,7 +86,7 @@ class EvenLineNoise:
         return replace(cycles, theta=self._transient.removed_from(cycles.theta, _scaled_means(cycles)))
 
     def __call__(self, cycles: Cycles) -> tuple[np.ndarray, np.ndarray]:
-        """Unbiased covariance (N, 2, 2) of one cycle, and its degrees of freedom."""
+        """Unbiased covariance (N, Y, Y) of one cycle, and its degrees of freedom."""
         means = _scaled_means(cycles)
         covariance = self._understated * self._estimator(means, _differences(cycles))
         return covariance * len(means), self._estimator.dof * len(means)
@@ -115,16 +115,16 @@ class DifferenceNoise:
         return cycles
 
     def __call__(self, cycles: Cycles) -> tuple[np.ndarray, np.ndarray]:
-        """Unbiased covariance (N, 2, 2) of one cycle, and its degrees of freedom."""
+        """Unbiased covariance (N, Y, Y) of one cycle, and its degrees of freedom."""
         noise = _differences(cycles)
-        stretched = np.zeros((len(noise), 2 * noise.shape[1], 2), dtype=complex)
+        stretched = np.zeros((len(noise), 2 * noise.shape[1], noise.shape[2]), dtype=complex)
         stretched[:, ::2] = noise
         covariance = (self._below(stretched) + self._above(stretched)) / 2
         return covariance * len(noise), self._below.dof * len(noise)
 
 
 def _scaled_means(cycles: Cycles) -> np.ndarray:
-    """Mean cycle of every trial, (T, K, 2), scaled to the variance of one cycle.
+    """Mean cycle of every trial, (T, K, Y), scaled to the variance of one cycle.
 
     Its noise then includes the correlation between consecutive cycles, and trials of unequal length can be pooled.
     """
@@ -136,7 +136,7 @@ def _scaled_means(cycles: Cycles) -> np.ndarray:
 
 
 def _differences(cycles: Cycles) -> np.ndarray:
-    """Orthonormal differences between the cycles of each trial, (D, K, 2), of the variance of one cycle."""
+    """Orthonormal differences between the cycles of each trial, (D, K, Y), of the variance of one cycle."""
     out: list[np.ndarray] = []
     for t in np.unique(cycles.trial):
         theta = cycles.theta[cycles.trial == t]

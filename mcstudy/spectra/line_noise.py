@@ -17,19 +17,19 @@ class LineNoise(Summary):
 
     Attributes
     ----------
-    C: (N, 2, 2) complex Hermitian, unbiased estimate of E[e e^H].
+    C: (N, Y, Y) complex Hermitian, unbiased estimate of E[e e^H] of Y outputs.
     dof: (N,) complex degrees of freedom of ``C`` (a complex Wishart matrix of that many outer products).
     pooling: how the estimates at neighbouring lines share data; None for a known covariance.
     parts: the noises of independent recordings whose lines follow one another in ``C``, each with a pooling of its
         own; empty for one recording.
-    angles: how many were measured, 1 or 2. Of an angle that was not, ``C`` is one, and errors of it are zero.
+    measured: how many outputs were measured, None for all. Of one that was not, ``C`` is one, and errors are zero.
     """
 
     C: np.ndarray
     dof: np.ndarray
     pooling: Pooling | None = None
     parts: tuple[LineNoise, ...] = ()
-    angles: int = 2
+    measured: int | None = None
 
     @classmethod
     def joined(cls, parts: Sequence[LineNoise]) -> LineNoise:
@@ -48,37 +48,42 @@ class LineNoise(Summary):
 
     @property
     def variance(self) -> np.ndarray:
-        """E|e|^2 of each angle, (N, 2)."""
+        """E|e|^2 of each output, (N, Y)."""
         return np.asarray(np.einsum("nii->ni", self.C).real)
 
     @property
     def whitener(self) -> np.ndarray:
-        """W (N, 2, 2), lower triangular: W^H W / 2 is the unbiased estimate of the precision.
+        """W (N, Y, Y), lower triangular: W^H W / 2 is the unbiased estimate of the precision.
 
-        The inverse of an estimate with nu degrees of freedom is too large on average by nu / (nu - 2) (complex
-        Wishart, two channels).
+        The inverse of an estimate with nu degrees of freedom is too large on average by nu / (nu - Y) (complex
+        Wishart, Y channels).
         """
-        nu = np.maximum(self.dof, 3.0)
-        return np.linalg.inv(np.linalg.cholesky(self.C)) * np.sqrt(2 * (nu - 2) / nu)[:, None, None]
+        outputs = self.C.shape[-1]
+        nu = np.maximum(self.dof, outputs + 1.0)
+        return np.linalg.inv(np.linalg.cholesky(self.C)) * np.sqrt(2 * (nu - outputs) / nu)[:, None, None]
 
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        """``n`` random errors (4 N, n), whitened with a covariance estimate of the same uncertainty."""
+        """``n`` random errors (2 N Y, n), whitened with a covariance estimate of the same uncertainty."""
         if self.parts:
             drawn = [p.draw(rng, n).reshape(2, -1, n) for p in self.parts]  # real parts, then imaginary
             return np.concatenate(drawn, axis=1).reshape(-1, n)
-        return NullDraws(self.dof, self.pooling, self.angles)(rng, n)
+        return self._null_draws(rng, n)
 
     def joint_draws(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Errors and estimates of their precision together; see `NullDraws.joint`."""
         if self.parts:
             errors, roots = zip(*(p.joint_draws(rng, n) for p in self.parts), strict=True)
             return np.concatenate(errors), np.concatenate(roots)
-        return NullDraws(self.dof, self.pooling, self.angles).joint(rng, n)
+        return self._null_draws.joint(rng, n)
+
+    @property
+    def _null_draws(self) -> NullDraws:
+        return NullDraws(self.dof, self.pooling, self.C.shape[-1], self.measured)
 
     @property
     def definite(self) -> bool:
         """Whether every covariance is positive definite; those of a simulation without noise are not."""
-        determinant, power = np.linalg.det(self.C).real, (self.C[:, 0, 0] * self.C[:, 1, 1]).real
+        determinant, power = np.linalg.det(self.C).real, self.variance.prod(axis=1)
         return bool(np.all(determinant > 1e-9 * power) and np.all(power > 0))
 
     def times(self, factor: np.ndarray) -> LineNoise:

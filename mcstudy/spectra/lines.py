@@ -27,8 +27,9 @@ class EvenLines(Summary):
 
     Attributes
     ----------
-    f: (M,) Hz. mean: (M, 2) Fourier coefficients of the mean over repeats, rad. variance: (M, 2) of that mean,
-    rad^2, from the scatter of the repeats. level: (M, 2) the same from the smoothed spectrum. repeats: their number.
+    f: (M,) Hz. mean: (M, Y) Fourier coefficients of the mean over repeats, in the unit of each of Y outputs. variance:
+    (M, Y) of that mean, from the scatter of the repeats. level: (M, Y) the same from the smoothed spectrum. repeats:
+    their number.
     """
 
     f: np.ndarray
@@ -42,7 +43,7 @@ class EvenLines(Summary):
         return [("lines", _span(self.f)), ("repeats", str(self.repeats))]
 
     def excess(self, low: float = 0.0, high: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
-        """Sum of |mean|^2 / level over sum of variance / level in a band, per angle (2,), and its p-value (2,).
+        """Sum of |mean|^2 / level over sum of variance / level in a band, per output (Y,), and its p-value (Y,).
 
         About 1 for noise alone; F-distributed with (2 M, 2 M (repeats - 1)) degrees of freedom
         for independent Gaussian repeats. nan without a line in the band or with a single repeat.
@@ -50,7 +51,8 @@ class EvenLines(Summary):
         inside = (self.f >= low) & (self.f <= high)
         m = int(inside.sum())
         if m == 0 or self.repeats < 2:
-            return np.full(2, np.nan), np.full(2, np.nan)
+            nothing = np.full(self.mean.shape[1], np.nan)
+            return nothing, nothing
         level = self.level[inside]
         power = (np.abs(self.mean[inside]) ** 2 / level).sum(axis=0)
         ratio = power / (self.variance[inside] / level).sum(axis=0)
@@ -64,14 +66,15 @@ class Lines(Summary):
     Attributes
     ----------
     f: (N,) Hz.
-    y: (N, 2) complex, mean FRF in rad per unit of the stimulus: sum over repeats of ``weight`` * ``repeats``.
+    y: (N, Y) complex, mean FRF of Y outputs in their unit per unit of the stimulus: sum over repeats of ``weight`` *
+        ``repeats``.
     noise: of ``y``: covariance and its uncertainty, null samples.
-    repeats: (R, N, 2) complex FRFs whose errors are independent of each other (cycles, or blocks of segments).
+    repeats: (R, N, Y) complex FRFs whose errors are independent of each other (cycles, or blocks of segments).
     weight: (R, N) share of each repeat in the mean, columns sum to 1; repeat r has covariance noise.C / weight[r].
     trial, cycle: (R,) which trial and which cycle (or block) a repeat is.
     amplitude: (R,) peak amplitude of the repeat's trial, unit of the stimulus.
     power: (N,) mean squared Fourier coefficient of the stimulus per repeat, unit^2: the sway at line n has mean
-        square 2 power |y|^2 per angle (for segments: the power of the band that belongs to the line).
+        square 2 power |y|^2 per output (for segments: the power of the band that belongs to the line).
     even: the lines that are not excited, or None.
     harmonic: (N,) harmonic number of each line, None when not periodic.
     notes: sentences about what is left out, and about noise that is not as assumed, without a full stop.
@@ -217,7 +220,7 @@ def joined(parts: Sequence[Lines]) -> Lines:
     if len(parts) == 1:
         return parts[0]
     R, N = sum(len(p.repeats) for p in parts), sum(len(p) for p in parts)
-    repeats, weight = np.zeros((R, N, 2), dtype=complex), np.zeros((R, N))
+    repeats, weight = np.zeros((R, N, parts[0].y.shape[1]), dtype=complex), np.zeros((R, N))
     trial = np.zeros(R, dtype=int)
     row = column = 0
     for p in parts:

@@ -40,10 +40,17 @@ LEAST_NOISE_OF_A_LINE = 1e-8
 
 
 def highest(recording: Recording | FrfRecording | JointRecording, fmax: float | None) -> float:
-    """The highest frequency used, Hz: ``fmax``, or when None `FMAX_HZ`, or the last of a published response."""
+    """The highest frequency used, Hz: ``fmax``, or when None `FMAX_HZ`, or the last of a published response.
+
+    Of a declared model, whose frequencies may be any, what the sampling rate reaches (`SAMPLES_PER_PERIOD`).
+    """
     if fmax is not None:
         return fmax
-    return float(recording.f[-1]) if isinstance(recording, FrfRecording) else FMAX_HZ
+    if isinstance(recording, FrfRecording):
+        return float(recording.f[-1])
+    if isinstance(recording, Recording) and recording.model is not None:
+        return recording.rate_hz / SAMPLES_PER_PERIOD
+    return FMAX_HZ
 
 
 def measure(recording: Recording | FrfRecording, fmax: float | None = None, discard: int = 1) -> Lines:
@@ -65,7 +72,8 @@ def wide_lines(recording: Recording | FrfRecording, fmax: float, discard: int) -
         raise RecordingError(f"{recording.name}: fmax: expected a positive number of Hz, got {fmax!r}")
     if isinstance(recording, FrfRecording):
         return _published(recording)
-    wide = max(fmax, min(NOISE_HZ, recording.rate_hz / SAMPLES_PER_PERIOD))
+    least = NOISE_HZ if recording.model is None else np.inf
+    wide = max(fmax, min(least, recording.rate_hz / SAMPLES_PER_PERIOD))
     if recording.period_s is None:
         return segment_lines(recording, wide)
     return with_scatter(with_unequal_trials(periodic_lines(recording, wide, discard)))
@@ -88,20 +96,21 @@ def up_to(fmax: float, lines: Lines, name: str) -> Lines:
     return kept
 
 
-def require_noise(lines: Lines, name: str) -> None:
+def require_noise(lines: Lines, recording: Recording | FrfRecording) -> None:
     """Raise `RecordingError` for responses without noise or with a singular noise covariance."""
+    where = f"{recording.name}: {recording.columns.names}"
     variance, C = lines.noise.variance, lines.noise.C
     size = np.abs(lines.y)
     if not (np.isfinite(C).all() and np.isfinite(size).all() and (variance > 0).all() and size.any()):
-        raise RecordingError(f"{name}: theta1, theta2: expected responses with measurement noise, found none")
+        raise RecordingError(f"{where}: expected responses with measurement noise, found none")
     relative = (np.sqrt(variance) / np.maximum(size, 1e-300)).min(axis=1)  # an unpublished angle is zero
     if np.median(relative) < LEAST_NOISE or relative.min() < LEAST_NOISE_OF_A_LINE:
         raise RecordingError(
-            f"{name}: theta1, theta2: expected noise of at least {LEAST_NOISE:g} of the responses, with which a gap is "
+            f"{where}: expected noise of at least {LEAST_NOISE:g} of the responses, with which a gap is "
             f"compared ({LEAST_NOISE_OF_A_LINE:g} at any line), got {np.median(relative):.1g} ({relative.min():.1g})"
         )
-    if (1 - np.abs(C[:, 0, 1]) ** 2 / variance.prod(axis=1) < LEAST_NOISE_OF_A_LINE).any():
-        raise RecordingError(f"{name}: theta1, theta2: one is a multiple of the other; their covariance is singular")
+    if (np.linalg.det(C).real / variance.prod(axis=1) < LEAST_NOISE_OF_A_LINE).any():
+        raise RecordingError(f"{where}: one is a multiple of the other; their covariance is singular")
 
 
 def _published(frf: FrfRecording) -> Lines:
@@ -112,7 +121,7 @@ def _published(frf: FrfRecording) -> Lines:
     return Lines(
         f=frf.f,
         y=y,
-        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * unit_weight, angles=1 if frf.single else 2),
+        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * unit_weight, measured=1 if frf.single else None),
         repeats=y[None],
         weight=unit_weight[None],
         trial=np.zeros(1, dtype=int),

@@ -44,14 +44,14 @@ def pooled(dof: np.ndarray, trials: int) -> Pooling:
 
 
 class NullDraws:
-    """Null samples (4 N, n) for covariances with ``dof`` (N,) degrees of freedom; known ones if ``pooling`` is None.
+    """Null samples (2 N Y, n) for covariances with ``dof`` (N,) degrees of freedom; known ones if ``pooling`` is None.
 
-    ``angles``: how many were measured; the errors of the others are zero.
+    ``outputs``: Y. ``measured``: how many of them were, None for all; the errors of the others are zero.
     """
 
-    def __init__(self, dof: np.ndarray, pooling: Pooling | None, angles: int = 2) -> None:
-        self._angles = angles
-        self._dof = np.maximum(dof, 3.0)
+    def __init__(self, dof: np.ndarray, pooling: Pooling | None, outputs: int, measured: int | None = None) -> None:
+        self._outputs, self._measured = outputs, measured
+        self._dof = np.maximum(dof, outputs + 1.0)
         self._pooling = pooling
         self._colour = None
         if pooling is None:
@@ -67,73 +67,100 @@ class NullDraws:
             self._colour = Colour(even, at, (self._records, self._further))
 
     def __call__(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        """``n`` null samples, (4 N, n), in the order and units of `mcstudy.fitting.penalised.whiten`."""
-        N = self._dof.size
-        z = self._errors(rng, n)
+        """``n`` null samples, (2 N Y, n), in the order and units of `mcstudy.fitting.penalised.whiten`."""
+        z, outputs = self._errors(rng, n), self._outputs
         if self._pooling is not None:
-            l11, l21, l22 = self._factors(rng, n)
-            first = z[:, 0] / l11
-            z = np.stack([first, (z[:, 1] - l21 * first) / l22], axis=1)
-        z *= np.sqrt(2 * (self._dof - 2) / self._dof)[:, None, None]
-        z = z.reshape(2 * N, n)
+            L = self._factors(rng, n)
+            for i in range(outputs):
+                for j in range(i):
+                    z[:, i] -= L[i, j] * z[:, j]
+                z[:, i] /= L[i, i]
+        z *= np.sqrt(2 * (self._dof - outputs) / self._dof)[:, None, None]
+        z = z.reshape(-1, n)
         return np.concatenate([z.real, z.imag])
 
     def joint(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """``n`` unit Gaussian errors (N, 2, n), and roots R (N, 2, 2, n) of estimates of their precision, R^H R.
+        """``n`` unit Gaussian errors (N, Y, n), and roots R (N, Y, Y, n) of estimates of their precision, R^H R.
 
         The precision is unbiased; with a known covariance R is the identity.
         """
-        z = self._errors(rng, n)
-        root = np.zeros((len(z), 2, 2, n), dtype=complex)
+        z, outputs = self._errors(rng, n), self._outputs
+        root = np.zeros((len(z), outputs, outputs, n), dtype=complex)
         if self._pooling is None:
-            root[:, [0, 1], [0, 1]] = 1.0
+            root[:, range(outputs), range(outputs)] = 1.0
             return z, root
-        l11, l21, l22 = self._factors(rng, n)
-        root[:, 0, 0], root[:, 1, 1], root[:, 1, 0] = 1 / l11, 1 / l22, -l21 / (l11 * l22)
-        return z, root * np.sqrt((self._dof - 2) / self._dof)[:, None, None, None]
+        L = self._factors(rng, n)
+        for i in range(outputs):  # R = L^-1, by columns
+            root[:, i, i] = 1 / L[i, i]
+            for j in range(i):
+                root[:, i, j] = -L[i, j] / (L[j, j] * L[i, i])
+                for k in range(j + 1, i):
+                    root[:, i, j] -= L[i, k] * root[:, k, j] / L[i, i]
+        return z, root * np.sqrt((self._dof - outputs) / self._dof)[:, None, None, None]
 
     def _errors(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        N = self._dof.size
-        z = np.empty((N, 2, n), dtype=complex)
-        z.real, z.imag = rng.standard_normal((N, 2, n)), rng.standard_normal((N, 2, n))
+        shape = self._dof.size, self._outputs, n
+        z = np.empty(shape, dtype=complex)
+        z.real, z.imag = rng.standard_normal(shape), rng.standard_normal(shape)
         z /= np.sqrt(2)
-        z[:, self._angles :] = 0.0
+        z[:, self._measured or self._outputs :] = 0.0
         return z
 
-    def _factors(self, rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Elements (N, n) of L = [[l11, 0], [l21, l22]] for random S~ = L L^H."""
+    def _factors(self, rng: np.random.Generator, n: int) -> dict[tuple[int, int], np.ndarray]:
+        """Elements (N, n) of the lower triangular L for random S~ = L L^H, by row and column."""
         products = self._products(rng, n)
         if self._colour is None:
-            s11, s22, re, im = np.einsum("le,pen->pln", self._window, products, optimize=True)
+            averaged = np.einsum("le,pen->pln", self._window, products, optimize=True)
         else:
-            s11, s22, re, im = self._continued(self._colour, products, rng)
-        l11 = np.sqrt(s11)
-        l21 = (re + 1j * im) / l11
-        return l11, l21, np.sqrt(np.maximum(s22 - np.abs(l21) ** 2, 1e-12))
+            averaged = self._continued(self._colour, products, rng)
+        L: dict[tuple[int, int], np.ndarray] = {}
+        parts = iter(averaged[self._outputs :])
+        for i in range(self._outputs):
+            rest = averaged[i]
+            for j in range(i):
+                element = next(parts) + 1j * next(parts)
+                for k in range(j):
+                    element = element - L[i, k] * L[j, k].conj()
+                L[i, j] = element / L[j, j]
+                rest = rest - np.abs(L[i, j]) ** 2
+            L[i, i] = np.sqrt(np.maximum(rest, 1e-12) if i else rest)
+        return L
 
     def _products(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        """|a|^2, |b|^2 and the parts of b a*, (4, E, n), averaged over the records of two errors a, b at even lines.
+        """Products of the errors of Y outputs at even lines, (Y^2, E, n), averaged over records.
 
+        The squares of all outputs come first, then the parts of the products of every output with those before it.
         They follow a complex Wishart distribution (Goodman 1963, Ann. Math. Statist. 34, 152-177). It is drawn by its
         Cholesky factor (Bartlett's decomposition), so the cost does not grow with the number of records.
         """
-        K, shape = self._records, (self._window.shape[1], n)
-        out = np.empty((4, *shape))
-        rng.standard_gamma(K, out=out[0])
-        rng.standard_normal(out=out[2])
-        rng.standard_normal(out=out[3])
-        out[2:] *= np.sqrt(0.5)
-        np.square(out[2:]).sum(axis=0, out=out[1])
-        if K > 1:
-            out[1] += rng.standard_gamma(K - 1, shape)
-        out[2:] *= np.sqrt(out[0])
+        K, Y, shape = self._records, self._outputs, (self._window.shape[1], n)
+        out = np.empty((Y * Y, *shape))
+        drawn: dict[tuple[int, int], np.ndarray] = {}  # rows of the factor, below its diagonal
+        roots, first = [], Y
+        for i in range(Y):
+            parts = out[first : first + 2 * i]
+            for part in parts:
+                rng.standard_normal(out=part)
+            parts *= np.sqrt(0.5)
+            square = rng.standard_gamma(K - i, shape) if i < K else np.zeros(shape)
+            for j in range(i):
+                drawn[i, j] = parts[2 * j : 2 * j + 2].copy()
+            out[i] = (np.square(parts).sum(axis=0) + square) if i else square
+            roots.append(np.sqrt(square))
+            for j in range(i):
+                re, im = drawn[i, j] * roots[j]
+                for k in range(j):
+                    (a, b), (c, d) = drawn[i, k], drawn[j, k]
+                    re, im = re + a * c + b * d, im + b * c - a * d
+                parts[2 * j], parts[2 * j + 1] = re, im
+            first += 2 * i
         out /= K
         return out
 
     def _continued(self, colour: Colour, products: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Products (4, E, n) at the lines, (4, L, n), with a slope that is estimated for every sample.
+        """Products (Y^2, E, n) at the lines, (Y^2, L, n), with a slope that is estimated for every sample.
 
-        One angle is simulated, because the flatter of the two determines the slope and they differ by far more than
+        One output is simulated, because the flattest of them determines the slope and they differ by far more than
         their scatter.
         """
         mean = products[0, : colour.used].T

@@ -61,9 +61,9 @@ class Scatter:
 
 
 def deviations(lines: Lines) -> np.ndarray:
-    """Whitened differences (R, N, 2) of the repeats from the mean of their trial.
+    """Whitened differences (R, N, Y) of the repeats from the mean of their trial.
 
-    Their sum of squares over repeats and angles is 4 times the number of repeats less that of trials, per line.
+    Their sum of squares over repeats and outputs is 2 Y times the number of repeats less that of trials, per line.
     """
     out = np.empty_like(lines.repeats)
     for t in np.unique(lines.trial):
@@ -79,10 +79,11 @@ def scatter(lines: Lines) -> Scatter:
     if free == 0 or lines.harmonic is None or not lines.noise.definite:
         return Scatter(np.ones(len(lines)), np.ones(len(lines)))
     judged = lines.harmonic >= LOWEST
-    power = (np.abs(deviations(lines)) ** 2).sum(axis=(0, 2))[judged] / (4 * free)
+    free *= 2 * lines.y.shape[1]
+    power = (np.abs(deviations(lines)) ** 2).sum(axis=(0, 2))[judged] / free
     ratio, p = np.ones(len(lines)), np.ones(len(lines))
     ratio[judged] = power / np.maximum(np.median(neighbourhood(power, NEIGHBOURS), axis=-1), 1.0)
-    p[judged] = fdtrc(4 * free, 4 * lines.noise.dof[judged], ratio[judged])
+    p[judged] = fdtrc(free, 2 * lines.y.shape[1] * lines.noise.dof[judged], ratio[judged])
     return Scatter(ratio, p)
 
 
@@ -119,7 +120,8 @@ def trial_power(lines: Lines) -> np.ndarray | None:
     if trials.size < 2 or count.min() < 2 or not lines.noise.definite:
         return None
     square = (np.abs(deviations(lines)) ** 2).sum(axis=2)
-    power = [square[lines.trial == t].sum(axis=0) / (4 * (n - 1)) for t, n in zip(trials, count, strict=True)]
+    each = 2 * lines.y.shape[1]
+    power = [square[lines.trial == t].sum(axis=0) / (each * (n - 1)) for t, n in zip(trials, count, strict=True)]
     return np.asarray(neighbourhood(np.array(power), NEIGHBOURS).mean(axis=-1))
 
 

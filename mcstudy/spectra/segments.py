@@ -131,7 +131,7 @@ def _blocks(recording: Recording, n: int) -> list[tuple[int, int, Trial]]:
 
 
 def _transform(trial: Trial, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Windowed transforms of the segments of one block: (S, K) of the stimulus and (S, K, 2) of the angles."""
+    """Windowed transforms of the segments of one block: (S, K) of the stimulus and (S, K, Y) of the outputs."""
     from scipy import signal
 
     x = np.column_stack([trial.stimulus, trial.theta])

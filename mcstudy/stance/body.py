@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 
 from mcstudy.errors import ModelError
 from mcstudy.stance import anthropometry
-from mcstudy.stance.feedback import Derived, Model, Parameter, Term
+from mcstudy.stance.feedback import ANGLES, NO_ANGLE, NO_ROW, ROWS, Derived, Model, Parameter, Term
 from mcstudy.stance.provenance import BODY, stand_in
 from mcstudy.stance.ranges import Range, within
 
@@ -285,6 +285,11 @@ def tilt_terms(kind: str, feedback: Iterable[Term], *, at_joint: bool = False) -
 def tilt_of(model: Model) -> str | None:
     """The kind of tilt that a model senses, None for a model with another stimulus."""
     return next((kind for kind, weight in WEIGHTS.items() if weight.name in model.weights), None)
+
+
+def standing(model: Model) -> bool:
+    """Whether a model is of the standing body: its balances and angles have the names of that body's."""
+    return set(model.rows) <= {*ROWS, NO_ROW} and set(model.angles) <= {*ANGLES, NO_ANGLE}
 
 
 def _gain(name: str, unit: str, value: float, meaning: str) -> Parameter:

@@ -392,28 +392,6 @@ class Model:
         for unknown in set(term.filters) - filters:
             raise ModelError(f"{where}: unknown filter {unknown!r}")
 
-    def with_usual_names(self) -> Model:
-        """The same model whose rows and angles are called as those of two linked segments (`ROWS`, `ANGLES`).
-
-        A model of more joints as it is.
-        """
-        if (self.rows, self.angles) == (ROWS, ANGLES) or self.n_rows > len(ROWS):
-            return self
-        rows = dict(zip(self.rows, ROWS, strict=True))
-        angles = dict(zip(self.angles, ANGLES, strict=True))
-        usual = {weights: name for name, weights in SENSES.items()}
-
-        def sense(name: str) -> str:
-            """A sum of angles, where it is not that of both, with their usual names."""
-            if name in angles or name in SENSES:
-                return angles.get(name, name)
-            first, second, stimulus = self.senses[name]
-            return usual.get((first, second, stimulus), f"{first!r}*{ANGLES[0]} + {second!r}*{ANGLES[1]}")
-
-        terms = (replace(t, row=rows[t.row], sense=sense(t.sense)) for t in self.terms)
-        outputs = (replace(o, terms=tuple(replace(t, sense=sense(t.sense)) for t in o.terms)) for o in self.outputs)
-        return replace(self, rows=ROWS, angles=ANGLES, terms=tuple(terms), outputs=tuple(outputs))
-
     @cached_property
     def senses(self) -> dict[str, tuple[float, ...]]:
         """Weights on the R angles and the stimulus, (R + 1,), by name: angles, and the sums of them that are sensed.

@@ -63,12 +63,15 @@ class Counted:
         return self._do(other, np.divide)
 
 
-def _load(array: np.ndarray, slot: int) -> Counted:
-    return Counted(array[WIDTH * slot : WIDTH * slot + WIDTH].copy())
+def _load(array: np.ndarray | list[Counted], slot: int) -> Counted:
+    return array[slot] if isinstance(array, list) else Counted(array[WIDTH * slot : WIDTH * slot + WIDTH].copy())
 
 
-def _store(array: np.ndarray, slot: int, value: Counted) -> None:
-    array[WIDTH * slot : WIDTH * slot + WIDTH] = value.v
+def _store(array: np.ndarray | list[Counted], slot: int, value: Counted) -> None:
+    if isinstance(array, list):
+        array[slot] = value
+    else:
+        array[WIDTH * slot : WIDTH * slot + WIDTH] = value.v
 
 
 def _fma(x: Counted, y: Counted, z: Counted) -> Counted:
@@ -89,6 +92,7 @@ def _root(x: Counted) -> Counted:
 _LANES: dict[str, Any] = {
     "load": _load,
     "store": _store,
+    "registers": lambda: [Counted(np.full(WIDTH, np.nan))] * lanes.REGISTERS,
     "splat": lambda value: Counted(np.full(WIDTH, value)),
     "fma": _fma,
     "fnma": _fnma,

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pipelines.benchmarks import (
     diagnosis,
     framework,
+    kernel_sizes,
     kernel_time,
     large_cubes,
     latency,
@@ -24,6 +25,7 @@ from pipelines.benchmarks.report import Result, Sizes
 BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "speedup": speedup.run,
     "kernel": kernel_time.run,
+    "kernel_sizes": kernel_sizes.run,
     "starts": starts_needed.run,
     "paper_solver": paper_solver.run,
     "study": studies.whole_study,

@@ -71,9 +71,9 @@ def judged(
     ``exact``: find all rises exactly; otherwise those of intervals that contain the truth are upper limits.
     """
     data, model = [Data.of(x) for x in lines], fitter.model
-    packed = np.array([d.packed for d in data])
+    packed = np.array([fitter.packed(d) for d in data])
     starts = np.concatenate([np.broadcast_to(truth, (len(lines), 1, truth.size)), further], axis=1)
-    minima = _searched(fitter, packed, starts)
+    minima = _searched(fitter, packed, starts, 2 * data[0].y.size)
     near = [Linearised.at(model, m, wanted) for m in minima]
     lowest = np.array([m.chi2[0] for m in minima])[:, None]
     least = float(ndtri(0.5 + level / 2)) ** 2  # no threshold is lower: every correction raises it
@@ -95,8 +95,8 @@ def starts(fitter: Fitter, seeds: Sequence[int], n: int, before: Judged | None =
     return np.concatenate([kept, drawn], axis=1)
 
 
-def _searched(fitter: Fitter, packed: np.ndarray, starts: np.ndarray) -> list[Minima]:
-    """Minima of each recording from starts (R, S, P), of which the first counts as aimed."""
+def _searched(fitter: Fitter, packed: np.ndarray, starts: np.ndarray, size: int) -> list[Minima]:
+    """Minima of each recording from starts (R, S, P), of which the first counts as aimed, to ``size`` real numbers."""
     R, S, P = starts.shape
     problem = np.repeat(np.arange(R), S)
     first = fitter.fits(packed, starts.reshape(-1, P), problem, tolerance=TOLERANCE, max_iterations=AHEAD)
@@ -110,7 +110,7 @@ def _searched(fitter: Fitter, packed: np.ndarray, starts: np.ndarray) -> list[Mi
     stable = (growth_rate(fitter.model, last.estimate) < 0).reshape(R, m)
     out = []
     for r in range(R):
-        stood = standing(stable[r], chi2[r], packed.shape[1] // 2)
+        stood = standing(stable[r], chi2[r], size)
         best, hits = distinct(np.where(stood, chi2[r], np.inf) if stood.any() else chi2[r], 1)
         at = best + m * r
         out.append(

@@ -50,9 +50,8 @@ def held(fitter: Fitter, data: Data, quantity: Quantity, value: float, begin: np
     else:
         many = np.ones(len(begin))
         restraint = Restraint(np.tile(gradient, (len(begin), 1)), value * many, STIFF / value**2 * many)
-    found = fitter.fits(
-        data.packed[None], begin, np.zeros(len(begin), int), lower, upper, TOLERANCE, ITERATIONS, restraint
-    )
+    packed, problem = fitter.packed(data)[None], np.zeros(len(begin), int)
+    found = fitter.fits(packed, begin, problem, lower, upper, TOLERANCE, ITERATIONS, restraint)
     return np.asarray(found.estimate[np.nanargmin(found.objective)])
 
 

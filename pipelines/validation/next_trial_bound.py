@@ -104,7 +104,7 @@ def seen(theta: np.ndarray, trials: Sequence[PlannedTrial], found: Sequence[Sign
         start = np.array([[*(theta - s.shift), *(s.sizes[n] for n in model.names[P:])]])
         lower, upper = fitter.model.lower[None].copy(), fitter.model.upper[None].copy()
         lower[:, P:] = upper[:, P:] = start[:, P:]
-        at = fitter.fits(clean.packed, start, lower=lower, upper=upper).estimate[0]
+        at = fitter.fits(fitter.packed(clean), start, lower=lower, upper=upper).estimate[0]
         x = whiten(clean.weight, frf(fitter.model, at, f) - clean.y)
         every = np.append(at, [c.nominal for c in e.forms])
         slopes = whiten(clean.weight, frf_jacobian(apply(joint, e.name, opened=[e.name]), every, f)[1][..., P + 1 :])

@@ -111,25 +111,6 @@ def test_settings_are_refused_as_a_study_file_would_be(settings: dict[str, objec
     assert "\n" not in str(refused.value)
 
 
-def renamed(model: Model, rows: tuple[str, str], angles: tuple[str, str]) -> Model:
-    """The same model whose rows and angles have other names."""
-    row, angle = dict(zip(model.rows, rows, strict=True)), dict(zip(model.angles, angles, strict=True))
-    terms = tuple(replace(t, row=row[t.row], sense=angle.get(t.sense, t.sense)) for t in model.terms)
-    return replace(model, rows=rows, angles=angles, terms=terms)
-
-
-def test_a_recording_is_fitted_and_diagnosed_with_a_model_whose_rows_and_angles_are_called_otherwise() -> None:
-    recording = mc.simulate(seed=1, cycles=3)
-    model = recording.base_model()
-    other = renamed(model, ("neck", "elbow"), ("low", "high"))
-    fits = [mc.fit(recording, model=m, fmax=1.2) for m in (model, other)]
-    np.testing.assert_array_equal(fits[0].theta, fits[1].theta)
-    assert [e.low for e in fits[0].estimates] == [e.low for e in fits[1].estimates]
-    assert fits[0].gap.p_value == fits[1].gap.p_value
-    verdicts = [mc.diagnose(recording, model=m, fast=True, fmax=1.2).verdict() for m in (model, other)]
-    assert verdicts[0] == verdicts[1]
-
-
 def plant(order: int) -> Model:
     """A row with a constant term of this order, and a gain."""
     return Model(

@@ -48,7 +48,8 @@ def test_they_come_from_the_information_of_a_fit_to_a_person() -> None:
     size = MODEL.truth.size
     none = Prior(MODEL.truth, MODEL.upper - MODEL.lower, 0.0)
     whitener = Data(F, problem.y, np.sqrt(2) * problem.weight)
-    fitted = Fitter(MODEL, none, F).fits(whitener.packed, THETA[None], tolerance=1e-12, max_iterations=20)
+    fitter = Fitter(MODEL, none, F)
+    fitted = fitter.fits(fitter.packed(whitener), THETA[None], tolerance=1e-12, max_iterations=20)
     wald = np.sqrt(np.diag(wald_covariance(fitted.information[0], np.ones(size, dtype=bool))))
     ours = standard_errors(problem, fitted.estimate[0], C, np.eye(F.size), likelihood=True)
     np.testing.assert_allclose(ours, wald, rtol=1e-6)

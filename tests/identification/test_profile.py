@@ -145,7 +145,7 @@ def test_the_lowest_minimum_is_found_where_few_random_starts_end_in_it() -> None
     model = bounded(nominal, nominal, {})
     lines = Source(Condition(0, 6, 3.1))(stream(10, "oracle"))
     fitter, data = Fitter(model, without_prior(model, nominal), lines.f), Data.of(lines)
-    other = fitter.fits(data.packed, drawn_starts(model, 77, 300), tolerance=1e-7, max_iterations=300)
+    other = fitter.fits(fitter.packed(data), drawn_starts(model, 77, 300), tolerance=1e-7, max_iterations=300)
     standing = other.chi2[growth_rate(model, other.estimate) < 0]
     found = search(fitter, data, 0)
     assert found.starts < 100
@@ -160,5 +160,5 @@ def test_a_stable_minimum_far_above_the_lowest_is_not_the_estimate() -> None:
     lines = Source(Condition(0, 3, 1.2))(stream(2, "coverage 2 3"))
     fitter, data = Fitter(model, without_prior(model, nominal), lines.f), Data.of(lines)
     truth = nominal.truth
-    from_truth = fitter.fits(data.packed, truth, tolerance=1e-7, max_iterations=300).chi2[0]
+    from_truth = fitter.fits(fitter.packed(data), truth, tolerance=1e-7, max_iterations=300).chi2[0]
     assert search(fitter, data, 2).chi2[0] < from_truth + 0.1

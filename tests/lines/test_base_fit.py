@@ -23,7 +23,7 @@ OPEN = opened(two_segment())
 def test_no_start_of_five_hundred_ends_lower(with_effects: Callable[..., Lines], effects: dict[str, dict]) -> None:
     fit = base_fit(with_effects(3, effects), two_segment(), seed=0)
     fitter, best, minima = fit.fitter, fit.best, fit.minima
-    widely = fitter.fits(fit.data.packed, drawn_starts(OPEN, 1, 500)).objective
+    widely = fitter.fits(fitter.packed(fit.data), drawn_starts(OPEN, 1, 500)).objective
     assert best.chi2 + best.penalty <= widely.min() + 0.1
     assert np.median(widely) > best.chi2 + best.penalty + 1.0, "every start ends there: nothing is tested"
     np.testing.assert_allclose(minima[0], best.theta, rtol=1e-2)

@@ -56,7 +56,7 @@ def errors(lines: Lines) -> np.ndarray:
 
 def surprise(lines: Lines) -> float:
     """Share of null samples of the noise with a larger sum of squares than the true errors have."""
-    null = (NullDraws(lines.noise.dof, lines.noise.pooling)(np.random.default_rng(0), 60) ** 2).sum(axis=0)
+    null = (NullDraws(lines.noise.dof, lines.noise.pooling, 2)(np.random.default_rng(0), 60) ** 2).sum(axis=0)
     return float((null > errors(lines).sum()).mean())
 
 

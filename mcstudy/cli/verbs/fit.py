@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mcstudy.cli.options import add_page_argument, add_scheduler_arguments, cluster_options, shown_command
 from mcstudy.cli.recording_options import (
+    add_model_argument,
     add_output_arguments,
     add_recording_arguments,
     read_recordings,
@@ -27,6 +28,7 @@ TOPIC = "parameters"
 def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
     add_recording_arguments(parser, "*")
+    add_model_argument(parser)
     parser.add_argument(
         "--with",
         dest="effects",

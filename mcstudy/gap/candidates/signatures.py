@@ -119,7 +119,7 @@ def _walk(e: Effect, fitted: Fitted, rest: Fitted, clean: Data) -> list[Signatur
         x[:, :P], x[:, P] = guess, size
         lower, upper = (np.tile(b, (len(cases), 1)) for b in (fitter.model.lower, fitter.model.upper))
         lower[:, P:] = upper[:, P:] = x[:, P:]
-        fits = fitter.fits(clean.packed, x, lower=lower, upper=upper)
+        fits = fitter.fits(fitter.packed(clean), x, lower=lower, upper=upper)
         grow = np.empty(len(cases))
         changes = frf(fitter.model, fits.estimate, clean.f) - at_rest
         for k, theta in enumerate(fits.estimate):

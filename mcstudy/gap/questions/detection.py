@@ -139,7 +139,7 @@ def refitted_null(fitted: Fitted, fitter: Fitter, data: Data, noise: np.ndarray)
 
     errors = np.einsum("nij,njk->kni", np.linalg.inv(data.weight), as_complex(noise))
     y = fitted.response(data.f) + errors
-    packed = np.array([data.with_y(x).packed for x in y])
+    packed = np.array([fitter.packed(data.with_y(x)) for x in y])
 
     def refits(some: np.ndarray) -> PenalisedFits:
         n = some.shape[0]

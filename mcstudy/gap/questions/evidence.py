@@ -123,7 +123,7 @@ def single(
     model = library.apply(base.model, name)
     fitter = Fitter(model, weak_prior(model, base.model), data.f)
     starts = np.clip(starts_for(base, minima, found, residual, name), fitter.model.lower, fitter.model.upper)
-    return profiled(fitter, data, e, fitter.pick(fitter.fits(data.packed, starts)), base.theta.size)
+    return profiled(fitter, data, e, fitter.pick(fitter.fits(fitter.packed(data), starts)), base.theta.size)
 
 
 def profiled(fitter: Fitter, data: Data, e: Effect, mode: Fitted, P: int) -> Hypothesis:
@@ -138,7 +138,7 @@ def profiled(fitter: Fitter, data: Data, e: Effect, mode: Fitted, P: int) -> Hyp
     x[:, P] = grid
     lower, upper = np.tile(fitter.model.lower, (grid.size, 1)), np.tile(fitter.model.upper, (grid.size, 1))
     lower[:, P] = upper[:, P] = grid
-    fits = fitter.fits(data.packed, np.clip(x, lower, upper), lower=lower, upper=upper)
+    fits = fitter.fits(fitter.packed(data), np.clip(x, lower, upper), lower=lower, upper=upper)
     prior = fitter.prior
     others = np.delete(np.arange(mode.theta.size), P)
     scale = prior.scale[others]
@@ -174,7 +174,7 @@ def together(base: Fitted, data: Data, names: tuple[str, str], starts: np.ndarra
     """The hypothesis that two effects act together, from starts (S, P) in the order of ``apply(base, *names)``."""
     model = library.apply(base.model, *names)
     fitter = Fitter(model, weak_prior(model, base.model), data.f)
-    fits = fitter.fits(data.packed, np.clip(starts, fitter.model.lower, fitter.model.upper))
+    fits = fitter.fits(fitter.packed(data), np.clip(starts, fitter.model.lower, fitter.model.upper))
     mode = fitter.pick(fits)
     sizes = {s.name: s for n in names for s in library.effect(n).sizes}
     covariance = mode.covariance

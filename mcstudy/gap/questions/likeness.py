@@ -56,7 +56,7 @@ def _held_out(fitted: Fitted, data: Data, directions: np.ndarray) -> tuple[np.nd
     fold = np.arange(n) % FOLDS
     without = [Data(data.f, data.y, data.weight * (fold != k)[:, None, None]) for k in range(FOLDS)]
     fitter = Fitter(fitted.model, fitted.prior, data.f)
-    packed = np.array([d.packed for d in without])
+    packed = np.array([fitter.packed(d) for d in without])
     theta = fitter.fits(packed, np.tile(fitted.theta, (FOLDS, 1)), np.arange(FOLDS)).estimate
     response = frf(fitted.model, theta, data.f)[fold, np.arange(n)]
     inside = directions.T @ whiten(data.weight, data.y - response)

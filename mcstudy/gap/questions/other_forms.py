@@ -73,7 +73,7 @@ def _other(base: Fitted, data: Data, declared: Hypothesis) -> tuple[Fitter, Fitt
     usual, middle = [sum(s.published) / 2 for s in effect.sizes], [f.prior[0] for f in effect.forms]
     for factor in (1.0, 0.2, -1.0, -0.2) if effect.size.signed else (1.0, 0.2):
         starts.append([*base.prior.mean, factor * usual[0], *usual[1:], *middle])
-    return fitter, fitter.pick(fitter.fits(data.packed, np.clip(np.array(starts), model.lower, model.upper)))
+    return fitter, fitter.pick(fitter.fits(fitter.packed(data), np.clip(np.array(starts), model.lower, model.upper)))
 
 
 def _profiled(base: Fitted, data: Data, declared: Hypothesis, fitter: Fitter, mode: Fitted) -> Hypothesis:

@@ -30,12 +30,13 @@ from mcstudy.files.output import write_file
 from mcstudy.files.reading_process import answer
 from mcstudy.files.unfinished import unfinished
 from mcstudy.recordings.clock import rate_of
+from mcstudy.recordings.columns import Columns
 from mcstudy.recordings.guards import LARGEST, check_zarr
 from mcstudy.recordings.recording import Recording, Trial, refuse_size
 from mcstudy.recordings.refusals import UNREAD, first_line, refused, require_known
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, Body
-from mcstudy.stance.feedback import ANGLES
+from mcstudy.stance.feedback import ANGLES, Model
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,22 +46,23 @@ BODY = ("J1", "J2", "C1", "C2", "A1", "A2", "g")
 TEXTS = ("convention", "name", "provenance", "person", "condition")
 """Attributes that are text."""
 
-SHEET = "recording.toml"
-"""Description of the CSV files in a folder."""
+SHEET, MODEL = "recording.toml", "model.toml"
+"""Description of the CSV files in a folder, and the declared model whose outputs they hold."""
 
 
 def to_dataset(recording: Recording) -> xr.Dataset:
-    """The recording as a dataset, angles in rad."""
+    """The recording as a dataset, angles of a standing body in rad."""
     import xarray as xr
 
     n = max(t.samples for t in recording.trials)
     stimulus = np.full((len(recording.trials), n), np.nan)
-    theta = np.full((len(recording.trials), n, 2), np.nan)
+    columns = recording.columns
+    theta = np.full((len(recording.trials), n, len(columns.outputs)), np.nan)
     for k, trial in enumerate(recording.trials):
         stimulus[k, : trial.samples] = trial.stimulus
         theta[k, : trial.samples] = trial.theta
     stated = np.array([np.nan if t.amplitude is None else t.amplitude for t in recording.trials], dtype=float)
-    unit = recording.stimulus_unit
+    unit, model = columns.stimulus_unit, recording.model
     attrs: dict[str, Any] = {
         "schema": schema.identifier("recording"),
         "name": recording.name,
@@ -68,25 +70,33 @@ def to_dataset(recording: Recording) -> xr.Dataset:
         "rate_hz": recording.rate_hz,
         "stimulus_kind": recording.stimulus,
         "convention": recording.convention,
-        "body": json.dumps(asdict(recording.body)),
+        **({"body": json.dumps(asdict(recording.body))} if model is None else {"model": json.dumps(_table(model))}),
         **_stated(recording),
     }
+    measured = "joint angles" if model is None else f"outputs of {model.name}"
     dataset = xr.Dataset(
         {
             "stimulus": (("trial", "time"), stimulus, {"units": unit, "long_name": recording.stimulus}),
-            "theta": (("trial", "time", "angle"), theta, {"units": "rad", "long_name": "joint angles"}),
+            "theta": (("trial", "time", "angle"), theta, {"units": columns.unit, "long_name": measured}),
             "amplitude": ("trial", stated, {"units": unit, "long_name": "stated stimulus amplitude"}),
             "samples": ("trial", np.array([t.samples for t in recording.trials]), {"long_name": "length of the trial"}),
         },
         coords={
             "trial": np.arange(1, len(recording.trials) + 1),
             "time": ("time", np.arange(n) / recording.rate_hz, {"units": "s", "long_name": "time"}),
-            "angle": list(ANGLES),
+            "angle": list(columns.outputs),
         },
         attrs=attrs,
     )
     schema.validate("recording", header(dataset), recording.name)
     return dataset
+
+
+def _table(model: Model) -> dict[str, Any]:
+    """The table of a model as a file holds it."""
+    from mcstudy.models.record import table_of  # pydantic, which recordings of standing bodies do without
+
+    return table_of(model)
 
 
 def _stated(recording: Recording) -> dict[str, Any]:
@@ -125,7 +135,7 @@ def write_zarr(recording: Recording, path: str | Path) -> None:
     """Write a Zarr v3 store of fixed-length types; an existing one is replaced."""
     path, dataset = Path(path), to_dataset(recording)
     # Strings have no Zarr v3 specification yet: the names of the angles go into an attribute.
-    dataset = dataset.drop_vars("angle").assign_attrs(angles=list(ANGLES))
+    dataset = dataset.drop_vars("angle").assign_attrs(angles=list(recording.columns.outputs))
     partial = partial_name(path)
     with unfinished(partial, partial.mkdir):
         dataset.to_zarr(partial, mode="w", zarr_format=3, consolidated=False)
@@ -136,28 +146,38 @@ def write_zarr(recording: Recording, path: str | Path) -> None:
 
 
 def write_csv(recording: Recording, folder: str | Path) -> Path:
-    """Write ``recording.toml`` and one CSV per trial into a folder; returns the path of the TOML file."""
-    folder = Path(folder)
-    body = ", ".join(f"{n} = {getattr(recording.body, n)!r}" for n in BODY)
+    """Write ``recording.toml`` and one CSV per trial into a folder; returns the path of the TOML file.
+
+    A declared model is written beside them.
+    """
+    folder, columns, model = Path(folder), recording.columns, recording.model
+    if model is None:
+        body = ", ".join(f"{n} = {getattr(recording.body, n)!r}" for n in BODY)
+        subject, unit = [f'stimulus = "{recording.stimulus}"', f"body = {{{body}}}"], "deg"
+    else:
+        from mcstudy.models.catalogue import written
+        from mcstudy.models.record import ModelTable
+
+        write_text(folder / MODEL, written(ModelTable.of(model)))
+        subject, unit = [f'model = "{MODEL}"'], columns.units[0]
+    angle = factor("rad", unit, "angle") if model is None else 1.0
+    units = f', angle = "{unit}"' if len(set(columns.units)) == 1 else ""
     lines = [
         f"name = {json.dumps(recording.name)}",
         f"provenance = {json.dumps(recording.provenance)}",
         *(f"{n} = {json.dumps(value)}" for n, value in _stated(recording).items()),
         f"rate_hz = {recording.rate_hz!r}",
-        f'stimulus = "{recording.stimulus}"',
+        *subject,
         f'convention = "{recording.convention}"',
-        f'units = {{time = "s", stimulus = "{recording.stimulus_unit}", angle = "deg"}}',
-        f"body = {{{body}}}",
+        f'units = {{time = "s", stimulus = {json.dumps(columns.stimulus_unit)}{units}}}',
     ]
     for k, trial in enumerate(recording.trials, start=1):
         name = f"trial{k}.csv"
         lines += ["", "[[trials]]", f'file = "{name}"']
         lines += [f"amplitude = {trial.amplitude!r}"] if trial.amplitude is not None else []
-        columns = np.column_stack(
-            [np.arange(trial.samples) / recording.rate_hz, trial.stimulus, np.rad2deg(trial.theta)]
-        )
-        rows = [",".join(f"{x:.12g}" for x in row) for row in columns.tolist()]
-        write_text(folder / name, "\n".join(["time,stimulus,theta1,theta2", *rows]))
+        values = np.column_stack([np.arange(trial.samples) / recording.rate_hz, trial.stimulus, trial.theta * angle])
+        rows = [",".join(f"{x:.12g}" for x in row) for row in values.tolist()]
+        write_text(folder / name, "\n".join([",".join(("time", "stimulus", *columns.outputs)), *rows]))
     path = folder / SHEET
     write_text(path, "\n".join(lines))
     return path
@@ -204,14 +224,17 @@ class Labelled:
         return variable if variable is not None and variable.dims == (name,) else None
 
 
-def read_dataset(path: str | Path) -> Recording:
-    """Read a NetCDF file or a Zarr store (by its name's ending); structure and units, `RecordingError` otherwise."""
+def read_dataset(path: str | Path, model: Model | None = None) -> Recording:
+    """Read a NetCDF file or a Zarr store (by its name's ending); structure and units, `RecordingError` otherwise.
+
+    ``model``: the declared one of which these are outputs, in place of the one in the file.
+    """
     path = Path(path)
     try:
         if path.suffix == ".zarr" or path.is_dir():
             check_zarr(path)
-            return _by_xarray(path)
-        return _recording(_of_netcdf(path), str(path))
+            return _by_xarray(path, model)
+        return _recording(_of_netcdf(path), str(path), model)
     except RecordingError:
         raise
     except Exception as error:  # the libraries raise different errors for files that are not recordings
@@ -237,7 +260,7 @@ def _of_netcdf(path: Path) -> Labelled:
     return Labelled(by_name, attrs)
 
 
-def _by_xarray(path: Path) -> Recording:
+def _by_xarray(path: Path, model: Model | None) -> Recording:
     import xarray as xr
 
     from mcstudy.files.guarded_store import GuardedStore  # imports Zarr, which NetCDF does not need
@@ -246,7 +269,7 @@ def _by_xarray(path: Path) -> Recording:
     options: dict[str, Any] = {"decode_times": False, "decode_timedelta": False, "create_default_indexes": False}
     store: Any = GuardedStore(path, read_only=True)
     with xr.open_zarr(store, consolidated=False, zarr_format=3, chunks=None, **options) as dataset:
-        return _recording(_of_xarray(dataset), str(path))
+        return _recording(_of_xarray(dataset), str(path), model)
 
 
 def _of_xarray(dataset: xr.Dataset) -> Labelled:
@@ -260,21 +283,25 @@ def _of_xarray(dataset: xr.Dataset) -> Labelled:
     return Labelled({str(name): lazy(str(name), v) for name, v in dataset.variables.items()}, dict(dataset.attrs))
 
 
-def _recording(file: Labelled, where: str) -> Recording:
+def _recording(file: Labelled, where: str, given: Model | None) -> Recording:
     """The recording in a file; `RecordingError` names what is missing or wrong."""
+    attrs = file.attrs
+    model = given or _model(attrs, where)
+    kind = "" if model is not None else str(_attribute(attrs, "stimulus_kind", where))
+    if model is None:
+        require_known(kind, STIMULI, f"{where}: stimulus_kind")
+    columns = Columns.of(model, kind)
     stimulus = _variable(file, "stimulus", ("time",), where)
     theta = _variable(file, "theta", ("time", "angle"), where)
     count, length = stimulus.sizes["trial"], stimulus.sizes["time"]
-    for dim, size in {"trial": count, "time": length, "angle": 2}.items():
+    angle = file.coordinate("angle")
+    named = tuple(map(str, attrs.get("angles", columns.outputs) if angle is None else angle.read()))
+    for dim, size in {"trial": count, "time": length, "angle": len(named)}.items():
         if theta.sizes[dim] != size:
             raise RecordingError(f"{where}: theta: expected {size} along {dim}, got {theta.sizes[dim]}")
-    angle = file.coordinate("angle")
-    named = ANGLES if angle is None else tuple(map(str, angle.read()))
-    if named != ANGLES:
+    if model is None and named != ANGLES:
         raise RecordingError(f"{where}: angle: expected {', '.join(ANGLES)}, got {', '.join(named)}")
-    attrs = file.attrs
-    kind = str(_attribute(attrs, "stimulus_kind", where))
-    require_known(kind, STIMULI, f"{where}: stimulus_kind")
+    at = list(range(len(named))) if model is None else columns.places(named, where, model)
     refuse_size(count, count * length, where)
     samples = _per_trial(file, "samples", count, float(length), where)
     for k, n in enumerate(samples, start=1):
@@ -282,11 +309,12 @@ def _recording(file: Labelled, where: str) -> Recording:
             raise RecordingError(f"{where}: samples: trial {k} states {n:g} of {length}")
     refuse_size(count, int(samples.sum()), where)
     u = _values(stimulus, ("trial", "time"), where) * factor(
-        str(stimulus.attrs.get("units", "missing")), STIMULI[kind], f"{where}: stimulus"
+        str(stimulus.attrs.get("units", "missing")), columns.stimulus_unit, f"{where}: stimulus"
     )
-    y = _values(theta, ("trial", "time", "angle"), where) * factor(
-        str(theta.attrs.get("units", "missing")), "rad", f"{where}: theta"
-    )
+    y = _values(theta, ("trial", "time", "angle"), where)[..., at]
+    stated_units = str(theta.attrs.get("units", "missing"))
+    if stated_units != columns.unit or len(set(columns.units)) == 1:  # units that differ are stated as one text
+        y = y * np.array([factor(stated_units, unit, f"{where}: theta") for unit in columns.units])
     stated = _per_trial(file, "amplitude", count, np.nan, where)
     trials = [
         Trial(u[k, :n], y[k, :n], None if np.isnan(stated[k]) else float(stated[k]))
@@ -300,9 +328,25 @@ def _recording(file: Labelled, where: str) -> Recording:
             _rate(file, where),
             None if period is None else _number(period, "period_s", where),
             kind,
-            _body(attrs, where),
+            Body() if model is not None else _body(attrs, where),
             **texts,
+            model=model,
         )
+
+
+def _model(attrs: Mapping[str, Any], where: str) -> Model | None:
+    """The declared model in a file, None for a standing body."""
+    if "model" not in attrs:
+        return None
+    from mcstudy.models.catalogue import checked_table
+
+    try:
+        table = json.loads(str(attrs["model"]))
+        if not isinstance(table, dict):
+            raise ValueError("not a table")
+        return checked_table(table).model()
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{where}: model: {first_line(error)}") from None
 
 
 def _variable(file: Labelled, name: str, dims: tuple[str, ...], where: str) -> Variable:

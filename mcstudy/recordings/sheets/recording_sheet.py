@@ -44,18 +44,27 @@ folder given to `read_sheet`:
     resample_hz = 100          # of all channels; without it, the lowest of their rates (top level)
     fill_gaps_s = 0.1          # longest gap that is interpolated; without it, gaps are refused (top level)
 
+A recording of a declared model (`mcstudy.models`) names it instead of stimulus and body; its columns are the model's
+outputs under their names, in the model's units unless ``units`` or a channel says otherwise:
+
+    model = "elbow.toml"       # or the name of a model
+    units = {angle = "deg"}    # of all outputs
+
 Ways to state the body: `mcstudy.recordings.sheets.body_sheet`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
 
 from mcstudy.errors import RecordingError
 from mcstudy.files.untrusted import toml
+from mcstudy.recordings.columns import Columns
 from mcstudy.recordings.formats.text_layout import Dialect
 from mcstudy.recordings.guards import content
 from mcstudy.recordings.markers import MarkerSheet
@@ -63,7 +72,6 @@ from mcstudy.recordings.recording import EXPECTED
 from mcstudy.recordings.sheets.body_sheet import BodySheet
 from mcstudy.recordings.sheets.tables import Description, Table
 from mcstudy.recordings.units import factor
-from mcstudy.stance.body import STIMULI
 
 LARGEST_SHEET = 1_000_000
 """Bytes of a TOML file."""
@@ -99,23 +107,36 @@ class Channel(Table):
 
 
 class Channels(Table):
-    """The channels of a trial; those that are not given are the variables of its file with their own names."""
+    """The channels of a trial; those that are not given are the variables of its file with their own names.
+
+    Outputs are channels under their names.
+    """
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Channel] = Field(init=False)
 
     time: Channel | None = None
     stimulus: Channel = Channel()
-    theta1: Channel = Channel()
-    theta2: Channel = Channel()
+
+    def channel(self, name: str) -> Channel | None:
+        """What is stated of an output or the stimulus, None for nothing."""
+        if name in type(self).model_fields:
+            return getattr(self, name) if name in self.model_fields_set else None
+        return self.__pydantic_extra__.get(name)
+
+    def require_outputs(self, outputs: Sequence[str], where: str) -> None:
+        """Raise `RecordingError` for a key that is no output."""
+        for name in self.__pydantic_extra__:
+            if name not in outputs:
+                known = ", ".join((*type(self).model_fields, *outputs))
+                raise RecordingError(f"{where}.{name}: unknown key, expected one of {known}")
 
 
-class TrialSheet(Table):
+class TrialSheet(Channels):
     """One file, which holds a trial or, with ``split``, several; its channels come before those of `Channels`."""
 
     file: str | None = None
     amplitude: float | None = Field(default=None, gt=0)
-    time: Channel | None = None
-    stimulus: Channel = Channel()
-    theta1: Channel = Channel()
-    theta2: Channel = Channel()
 
 
 class Units(Table):
@@ -126,17 +147,18 @@ class Units(Table):
     angle: str | None = None
     stated: Literal["checked", "ignored"] = "checked"
 
-    def require_both(self, stimulus: str, where: str) -> None:
-        """Raise `RecordingError` where an FRF per angle states only one of its two units."""
-        if STIMULI[stimulus] == "rad" and (self.angle is None) != (self.stimulus is None):
-            raise RecordingError(f"{where}: units: expected both angle and stimulus for the FRF of a {stimulus}")
+    def require_both(self, columns: Columns, where: str) -> None:
+        """Raise `RecordingError` where an FRF of angles to an angle states only one of its two units."""
+        if columns.stimulus_unit == columns.unit and (self.angle is None) != (self.stimulus is None):
+            per = f"{columns.unit} per {columns.stimulus_unit}"
+            raise RecordingError(f"{where}: units: expected both angle and stimulus for responses in {per}")
 
 
-def frf_factor(angle: str | None, unit: str | None, stimulus: str, where: str) -> float:
-    """Factor that converts FRFs in ``angle`` per ``unit`` of a kind of stimulus to rad per its own unit."""
-    target = STIMULI[stimulus]
+def frf_factor(angle: str | None, unit: str | None, columns: Columns, where: str) -> np.ndarray:
+    """Factors (Y,) that convert FRFs in ``angle`` per ``unit`` of the stimulus to the units of the columns."""
+    target = columns.stimulus_unit
     per = factor(unit or target, target, f"{where}: units.stimulus")
-    return factor(angle or "rad", "rad", f"{where}: units.angle") / per
+    return np.array([factor(angle or own, own, f"{where}: units.angle") for own in columns.units]) / per
 
 
 class TextSheet(Table):
@@ -193,6 +215,7 @@ class Sheet(Description):
     rate_hz: float | None = Field(default=None, gt=0)
     period_s: float | None = Field(default=None, gt=0)
     stimulus: str = "ankle_torque"
+    model: str | None = None
     convention: Literal["peak", "peak_to_peak"] = "peak"
     upper_body: Literal["hip", "space"] = "hip"
     resample_hz: float | None = Field(default=None, gt=0)

@@ -1,0 +1,90 @@
+"""Time and operations of one iteration for one to four rows, and the fraction of this core's peak.
+
+Joints that all feed back to one another, with 2 R^2 + 2 R parameters: gains and a delay in each row.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mcstudy.fitting.problem import Problem, paper_cost
+from mcstudy.fitting.solvers import Options, fit
+from mcstudy.fitting.starts import uniform
+from mcstudy.stance.feedback import Model, Parameter, Term
+from mcstudy.stance.response import frf
+from pipelines.benchmarks import counting
+from pipelines.benchmarks.kernel_time import peak_flops
+from pipelines.benchmarks.measure import timed
+from pipelines.benchmarks.report import Result, Sizes
+
+F = np.arange(1, 29) / 4.0
+"""Hz."""
+
+ITERATIONS = 12
+"""Of each fit: all of them go on, so that the lanes stay full."""
+
+
+def joints(R: int) -> Model:
+    """A loop of R joints, whose numbers mean nothing."""
+    rng = np.random.default_rng(R)
+    names = tuple(f"joint {k + 1}" for k in range(R))
+    root = rng.normal(size=(R, R))
+    inertia = root @ root.T + np.eye(R)
+    parameters, terms = [], [Term(names[0], "stimulus")]
+    for k, row in enumerate(names):
+        parameters += [Parameter(f"K{k}", "", 1.0, 0.0, 2.0), Parameter(f"T{k}", "s", 0.1, 0.05, 0.15)]
+        terms.append(Term(row, row, f"K{k}"))
+        for j, sensed in enumerate(names):
+            terms.append(Term(row, sensed, order=2, coefficient=inertia[k, j]))
+            for kind, order in (("P", 0), ("D", 1)):
+                name = f"{kind}{k}{j}"
+                parameters.append(Parameter(name, "", rng.normal() + 3.0 * (j == k), -6.0, 6.0))
+                terms.append(Term(row, sensed, name, order, f"T{k}"))
+    return Model(f"{R} joints", tuple(parameters), tuple(terms), angles=names)
+
+
+def problem(R: int) -> Problem:
+    """Responses of R joints with errors of 10 %."""
+    model, rng = joints(R), np.random.default_rng(1)
+    y = frf(model, model.truth, F)
+    return paper_cost(model, F, y * (1 + 0.1 * (rng.normal(size=y.shape) + 1j * rng.normal(size=y.shape))))
+
+
+def run(sizes: Sizes) -> Result:
+    """For each R: microseconds and operations per iteration, and the fraction of the peak; timed alternately."""
+    result = Result("kernel_sizes")
+    problems = {R: problem(R) for R in (1, 2, 3, 4)}
+    n_starts, options = 16 if sizes.starts < 50 else 128, Options(0.0, ITERATIONS)
+    pools = {R: uniform(p.model, np.random.default_rng(1), n_starts) for R, p in problems.items()}
+    seconds: dict[int, list[float]] = {R: [] for R in problems}
+    iterations, peaks = dict.fromkeys(problems, 0), []
+    for _ in range(5 * sizes.repeats):
+        peaks.append(peak_flops(3))
+        for R, p in problems.items():
+            fits, took = timed(fit, p, pools[R], "lm", options)
+            iterations[R] = int(fits.iterations.sum())
+            seconds[R].append(took)
+    peak = float(np.median(peaks))
+    result.keys["kernel_sizes.peak_gflops"] = peak / 1e9
+    for R, p in problems.items():
+        us = float(np.median(seconds[R][1:] or seconds[R])) / iterations[R] * 1e6
+        evaluate, _ = counting.evaluation(p, p.model.truth)
+        flops, passes = counting.whole(p, pools[R][:8], 0.0, 3)
+        fraction = flops / passes / (us * 1e-6) / peak
+        result.table.append(
+            {
+                "rows": p.model.n_rows,
+                "joints": R,
+                "parameters": p.model.truth.size,
+                "us an iteration": us,
+                "flops an evaluation": evaluate,
+                "flops a step": flops / passes - evaluate,
+                "GFLOP/s": flops / passes / us / 1e3,
+                "of the peak": fraction,
+            }
+        )
+        result.keys[f"kernel_sizes.iteration_us.{R}x{R}"] = us
+        result.keys[f"kernel_sizes.flops_per_iteration.{R}x{R}"] = flops / passes
+        result.keys[f"kernel_sizes.fraction_of_peak.{R}x{R}"] = fraction
+    result.notes.append("operations counted by running the kernel's source with counting lanes (benchmarks.counting)")
+    return result

@@ -1,0 +1,102 @@
+"""The fit of a declared model: its outputs are found by name, its bounds are its own, its minimum is that of others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import mcstudy as mc
+from mcstudy.errors import RecordingError
+from mcstudy.models.catalogue import checked_table, written
+from tests.helpers.declared import TABLE, drive, drive_frf, measured
+
+
+@pytest.fixture(scope="module")
+def recording() -> mc.FrfRecording:
+    return measured(seed=1)
+
+
+@pytest.fixture(scope="module")
+def fitted(recording: mc.FrfRecording) -> mc.FitResult:
+    return mc.fit(recording)
+
+
+def test_the_minimum_and_its_curvature_are_those_of_another_optimiser(
+    recording: mc.FrfRecording, fitted: mc.FitResult
+) -> None:
+    sd = np.sqrt(np.einsum("nii->ni", recording.C).real / 2)
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        z = (drive_frf(p, recording.f) - recording.y) / sd
+        return np.concatenate([z.real.ravel(), z.imag.ravel()])
+
+    model = drive()
+    scale = model.truth
+    other = least_squares(
+        residual, scale, jac="3-point", x_scale=scale, bounds=(model.lower, model.upper), xtol=1e-14, ftol=1e-14
+    )
+    np.testing.assert_allclose(fitted.theta, other.x, rtol=1e-4)
+    assert fitted.chi2 == pytest.approx(2 * other.cost, rel=1e-5)
+    sd_of = np.sqrt(np.diag(np.linalg.inv(other.jac.T @ other.jac)))
+    half = [(e.wald_high - e.wald_low) / 2 / 1.959964 for e in fitted.estimates]
+    stated = half / sd_of
+    assert np.all((stated > 0.97) & (stated < 1.3)), stated  # never below; above where the curvature widens it
+
+
+def test_intervals_are_profiles_inside_the_bounds_of_the_model(fitted: mc.FitResult) -> None:
+    model = drive()
+    for e, low, high, truth in zip(fitted.estimates, model.lower, model.upper, model.truth, strict=True):
+        assert low <= e.low < truth < e.high <= high, e
+    for of_standing_bodies in (fitted.paper, fitted.coverage):
+        assert of_standing_bodies is None
+
+
+def test_columns_are_found_by_name_in_any_order_and_unit(
+    recording: mc.FrfRecording, fitted: mc.FitResult, tmp_path: Path
+) -> None:
+    (tmp_path / "drive.toml").write_text(written(checked_table(TABLE)))
+    (tmp_path / "frf.toml").write_text(
+        'name = "drive"\nmodel = "drive.toml"\nunits = {angle = "mrad"}\nfrf = {file = "frf.csv"}\n'
+    )
+    columns = {"f": recording.f}
+    for k, name in ((1, "load"), (0, "motor")):
+        y, sd = 1e3 * recording.y[:, k], 1e3 * np.sqrt(recording.C[:, k, k].real)
+        columns |= {f"gain_{name}": np.abs(y), f"phase_{name}": np.degrees(np.angle(y)), f"sd_{name}": sd}
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "frf.csv", rows, delimiter=",", header=",".join(columns), comments="", fmt="%.17g")
+    read = mc.read_recording(tmp_path / "frf.toml")
+    assert read.columns.outputs == ("motor", "load")
+    np.testing.assert_allclose(mc.fit(read).theta, fitted.theta, rtol=1e-6)
+    again = mc.fit(tmp_path / "frf.toml", model=tmp_path / "drive.toml")
+    np.testing.assert_allclose(again.theta, fitted.theta, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('model = "drivel.toml"\nfrf = {file = "frf.csv"}', "No such file"),
+        ('model = "drivel"\nfrf = {file = "frf.csv"}', "expected a model file"),
+        ('model = "one_segment"\nfrf = {file = "frf.csv"}', "expected a declared model or two_segment"),
+        ('model = "drive.toml"\nfrf = {file = "frf.csv"}', "column 'gain_motor' is missing"),
+        ('model = "drive.toml"\nfrf = {file = "frf.csv"}\nbody = {height = 1.8, weight = 70}', "body: expected none"),
+        ('model = "drive.toml"\nrate_hz = 100\n[channels]\nlode = 1\n[[trials]]\nfile = "frf.csv"', "channels.lode"),
+        ('model = "drive.toml"\nunits = {angle = "V"}\nfrf = {file = "frf.csv"}', "units.angle: unit: expected"),
+    ],
+)
+def test_what_does_not_fit_the_model_is_refused_in_one_line(text: str, line: str, tmp_path: Path) -> None:
+    (tmp_path / "drive.toml").write_text(written(checked_table(TABLE)))
+    (tmp_path / "frf.csv").write_text("f,gain_load,sd_load\n" + "".join(f"{k},1,0.1\n" for k in range(1, 9)))
+    (tmp_path / "rec.toml").write_text(text)
+    with pytest.raises(RecordingError, match=line) as refused:
+        mc.read_recording(tmp_path / "rec.toml")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_recording_of_other_outputs_is_refused_in_one_line(recording: mc.FrfRecording) -> None:
+    standing = replace(recording, model=None, stimulus="ankle_torque")
+    with pytest.raises(RecordingError, match=r"motor: expected the outputs of model drive \(motor, load\), got theta1"):
+        mc.fit(standing, model=drive())

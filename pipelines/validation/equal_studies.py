@@ -51,7 +51,7 @@ def quoted(statement: Published, value: float) -> Published:
 
 def together(values: Sequence[Value]) -> Value:
     """One larger study made of several."""
-    numbers, errors = (np.array([getattr(v, name) for v in values]) for name in ("value", "one"))
+    numbers, errors = (np.array([getattr(v, name) for v in values]) for name in ("value", "study_error"))
     return pooled(numbers, errors, REALIZATIONS, REALIZATIONS)
 
 

@@ -154,13 +154,13 @@ def _part(function: Callable[[], None], functions: int, seconds: float, *calls: 
 
 
 _PARTS = {
-    "stability": _part(compile_stability, 16, 4.3),
+    "stability": _part(compile_stability, 33, 4.6),
     "gram": _part(compile_gram, 29, 9.0),
     "steps": _part(compile_steps, 10, 2.4),
     "cost": _part(compile_cost, 20, 2.9),
     "diagnosis": _part(compile_diagnosis, 32, 6.2, "gram"),
     "intervals": _part(compile_intervals, 76, 10.0, "gram"),
-    "time_domain": _part(compile_simulation, 13, 2.4),
+    "time_domain": _part(compile_simulation, 20, 2.2),
     "linearised": _part(compile_starts, 20, 5.0),
     **{name: part for solver in OWN for name, part in solver.parts.items()},
 }

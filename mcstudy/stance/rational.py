@@ -15,7 +15,7 @@ from functools import reduce
 import numpy as np
 
 from mcstudy.errors import ModelError
-from mcstudy.stance.feedback import Model, require_plain
+from mcstudy.stance.feedback import Model
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,6 @@ def rational_rows(
     ------
     ModelError: a filter's monomial has a negative order, or a delay is negative.
     """
-    require_plain(model, "a loop in time", outputs=False)
     table, theta = model.table, np.asarray(theta, dtype=float)
     batch, n_rows = theta.shape[:-1], table.output_filter.size
     chosen = [int(e) for e in np.flatnonzero(np.ones(len(table.entry), dtype=bool) if entries is None else entries)]

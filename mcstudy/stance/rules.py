@@ -21,12 +21,12 @@ class Rules:
 
     Attributes
     ----------
-    dead_angle: thresholds on the sensed joint angles (theta1, theta2 + noise), rad. Active feedback of an angle x
-        reads 0 inside +-threshold and x -+ threshold outside (continuous). With a tilt u and its weight W, what is
-        sensed of theta1 is the weighted sum of the senses, theta1 - W u + noise.
+    dead_angle: thresholds on the R sensed joint angles (with their noise), rad; empty for none. Active feedback of an
+        angle x reads 0 inside +-threshold and x -+ threshold outside (continuous). With a tilt u and its weight W, what
+        is sensed of the lowest angle is the weighted sum of the senses, theta1 - W u + noise.
     dead_rate: the same on the sensed rates, rad/s, for active feedback of order 1.
-    torque_limit: largest active torque per row (hip, ankle), N m; active torque is cut at +- the limit.
-    motor_noise: additional torque per row, N m, (n, 2) samples, linear between samples; None for none. White noise
+    torque_limit: largest active torque of each of the R rows, N m, at +- which it is cut; empty for none.
+    motor_noise: additional torque per row, N m, (n, R) samples, linear between samples; None for none. White noise
         of one-sided density S is samples of variance S * rate / 2; the interpolation loses 1 % of power at 0.08 of
         the rate.
     active_gain: factor on every active term (see `reweighted`).
@@ -34,18 +34,18 @@ class Rules:
         with 1 + d (t / duration - 1/2).
     """
 
-    dead_angle: tuple[float, float] = (0.0, 0.0)
-    dead_rate: tuple[float, float] = (0.0, 0.0)
-    torque_limit: tuple[float, float] = (np.inf, np.inf)
+    dead_angle: tuple[float, ...] = ()
+    dead_rate: tuple[float, ...] = ()
+    torque_limit: tuple[float, ...] = ()
     motor_noise: np.ndarray | None = None
     active_gain: float = 1.0
     gain_drift: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("dead_angle", "dead_rate", "torque_limit"):
-            pair = getattr(self, name)
-            if len(pair) != 2 or not all(p >= 0 for p in pair):
-                raise ModelError(f"rules {name}: expected two numbers >= 0, got {pair!r}")
+            values = getattr(self, name)
+            if not all(value >= 0 for value in values):
+                raise ModelError(f"rules {name}: expected numbers >= 0, got {values!r}")
         if not (np.isfinite(self.active_gain) and self.active_gain >= 0):
             raise ModelError(f"rules active_gain: expected a number >= 0, got {self.active_gain!r}")
         for name, drift in self.gain_drift.items():

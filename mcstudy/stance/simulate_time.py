@@ -7,7 +7,8 @@ carry the nonlinear and time-varying rules of `mcstudy.stance.rules`.
 Between samples:
 
 * delayed angles are read from the stored angle, rate and acceleration by quintic Hermite interpolation (error h^6 in
-  the angle, h^5 in the rate, h^4 in a delayed acceleration);
+  the angle, h^5 in the rate, h^4 in a delayed acceleration); delayed unknowns without inertia, which have no
+  acceleration, from six samples by Lagrange's interpolation (h^6);
 * a stimulus given as samples (n,) is linear between them, which is exact for a PRTS torque; before time 0 it is
   zero. A stimulus whose rate or acceleration the model senses (platform translation, tilt) must be given with its
   derivatives, (n, 3), and is then quintic Hermite; `with_derivatives` makes them for a band-limited periodic record;
@@ -27,10 +28,10 @@ import numpy as np
 from scipy import fft
 
 from mcstudy.errors import ModelError
-from mcstudy.stance.feedback import Model, require_plain
-from mcstudy.stance.realize import ACTIVE, ANGLE, SENSED, STIMULUS, Realisation, realise
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.realize import ANGLE, NOISE, SENSED, STIMULUS, Realisation, realise
 from mcstudy.stance.rules import LINEAR, Rules, tilt_at_threshold
-from mcstudy.stance.simulate_kernel import NODES, integrate
+from mcstudy.stance.simulate_kernel import NODES, Inputs, Limits, Loop, Scratch, integrate
 
 STABLE_STEP = 3.0
 """Largest step * |pole| of a filter: the real stability limit of the method is 3.3."""
@@ -38,14 +39,15 @@ STABLE_STEP = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Sway:
-    """A simulated record of n samples; angles are the model's (theta1, theta2).
+    """A simulated record of n samples of a model with R rows and Y outputs.
 
     Attributes
     ----------
-    theta: (n, 2) measured angles, rad (output filters on).
-    angle, rate, acceleration: (n, 2) the true angles and their derivatives, rad, rad/s, rad/s^2.
-    active_torque: (n, 2) active feedback torque by row (hip, ankle), N m, with the sign of the model's left side (it
-        opposes the angle when positive gains act).
+    theta: (n, Y) the outputs as measured: the angles, rad, with the sensors' filters, or the declared outputs.
+    angle, rate, acceleration: (n, R) the true angles and their derivatives, rad, rad/s, rad/s^2; zero where an unknown
+        has no such derivative, for want of inertia.
+    active_torque: (n, R) active feedback torque by row, N m, with the sign of the model's left side (it opposes the
+        angle when positive gains act).
     """
 
     theta: np.ndarray
@@ -72,7 +74,7 @@ def simulate(
     theta: (P,) parameters.
     stimulus: (n,) samples in the model's stimulus unit, or (n, 3) with first and second derivative.
     rate_hz: sampling rate.
-    noise: (n, 2) sensor noise on (theta1, theta2), rad; None for none.
+    noise: (n, R) sensor noise on the angles, rad; None for none.
     rules: nonlinear and time-varying rules.
     substeps: steps per sample.
 
@@ -84,68 +86,85 @@ def simulate(
         a stimulus term that needs derivatives that were not given; whatever `realise` raises.
     """
     stimulus = np.asarray(stimulus, dtype=float)
-    require_plain(model, "a simulation in time")
     n = stimulus.shape[0] if stimulus.ndim else 0
     if n < 2 or stimulus.shape not in ((n,), (n, 3)):
         raise ModelError(f"stimulus: expected shape (n,) or (n, 3) with n >= 2, got {stimulus.shape}")
+    R = model.n_rows
     for name, record in (("noise", noise), ("motor_noise", rules.motor_noise)):
-        if record is not None and np.shape(record) != (n, 2):
-            raise ModelError(f"{name}: expected shape ({n}, 2) as the stimulus has, got {np.shape(record)}")
+        if record is not None and np.shape(record) != (n, R):
+            raise ModelError(f"{name}: expected shape ({n}, {R}) as the stimulus has, got {np.shape(record)}")
     if substeps < 1:
         raise ModelError(f"substeps: expected a whole number >= 1, got {substeps}")
     tilt = tilt_at_threshold(model, rules)
     loop = realise(model, theta, entries=~tilt, scale=_scale(model, rules), drift=_drift(model, rules))
     h = 1.0 / (rate_hz * substeps)
-    _check(model, loop, rules, h, stimulus.ndim == 2, bool(tilt.any()))
-    lags = np.ceil(loop.delay.max() / h).astype(int) + 1
-    fine_noise = _refined_noise(noise, n, rate_hz, substeps, lags)
-    fine_stimulus = _refined_stimulus(stimulus, h, substeps, lags)
-    if tilt.any():
-        fine_noise[0] -= float(np.asarray(theta)[model.names.index(model.weights[0])]) * fine_stimulus
-    motor = np.empty((0, 2)) if rules.motor_noise is None else _linear(np.asarray(rules.motor_noise, float), substeps)
     samples = (n - 1) * substeps + 1
-    history, torque = np.zeros((2, samples, 3)), np.zeros((samples, 2))
-    states = np.zeros((samples, loop.head.size))
-    integrate(
-        h,
-        history,
-        states,
-        torque,
-        (
-            np.linalg.inv(loop.mass),
-            loop.signal,
-            loop.link,
-            loop.gain,
-            loop.drift,
-            loop.head,
-            loop.last,
-            loop.coefficient,
-            loop.torque_of,
-            np.zeros(len(loop.signal)),
-        ),
-        (
-            *_places(loop.delay, h, known=False),
-            *_places(loop.delay, h, known=True),
-            _places(loop.delay, h, known=True, linear=stimulus.ndim == 1)[1],
-            fine_noise,
-            fine_stimulus,
-            lags,
-        ),
-        (
-            np.array([rules.dead_angle, rules.dead_rate], dtype=float),
-            np.array(rules.torque_limit, dtype=float),
-            motor,
-            bool(loop.drift.any()),
-            samples - 1,
-        ),
-    )
-    history, states = history[:, ::substeps], states[::substeps]
-    measured = np.einsum("cnk,ck->nc", history, loop.output[:, :3])
-    for c in (0, 1):
-        if loop.output[c, 3] >= 0:
-            measured[:, c] += states[:, int(loop.output[c, 3])]
+    limits = _limits(model, rules, bool(loop.drift.any()), substeps, samples - 1)
+    _check(model, loop, limits, h, stimulus.ndim == 2, bool(tilt.any()))
+    inputs = _inputs(loop, noise, stimulus, rate_hz, substeps)
+    if tilt.any():
+        inputs.noise[0] -= float(np.asarray(theta)[model.names.index(model.weights[0])]) * inputs.stimulus
+    states, torque = np.zeros((samples, loop.head.size)), np.zeros((samples, R))
+    scratch = Scratch(np.zeros(len(loop.signal)), np.zeros(2 * R), np.zeros(R), np.zeros(R))
+    integrate(h, states, torque, _kernel_loop(loop), inputs, limits, scratch)
+    history, states = inputs.history[:, ::substeps], states[::substeps]
+    measured = np.zeros((n, model.n_outputs))
+    for part in loop.readings:
+        if part.order < 0:
+            record = states[:, part.unknown]
+        elif part.unknown < R:
+            record = history[part.unknown, :, part.order]
+        else:
+            record = inputs.stimulus[inputs.pad : inputs.pad + samples : substeps, part.order]
+        measured[:, part.output] += part.coefficient * record
     angle, rate, acceleration = np.ascontiguousarray(np.transpose(history, (2, 1, 0)))
     return Sway(measured, angle, rate, acceleration, torque[::substeps])
+
+
+def _kernel_loop(loop: Realisation) -> Loop:
+    """The loop as the kernel takes it."""
+    kind, group, unknown, order = loop.signal.T
+    current = np.isin(kind, (ANGLE, SENSED)) & (group == 0) & (order == loop.order[unknown])
+    to_torques = int((loop.link[:, 1] < 2 * loop.order.size).sum())
+    links = loop.link, to_torques, loop.gain, loop.drift
+    filters = loop.head, loop.last, loop.coefficient, loop.torque_of
+    return Loop(np.linalg.inv(loop.leading), loop.order, loop.signal, np.flatnonzero(current), *links, *filters)
+
+
+def _inputs(loop: Realisation, noise: np.ndarray | None, stimulus: np.ndarray, rate_hz: float, substeps: int) -> Inputs:
+    """Noise and stimulus on the fine grid, and where stages read them and the history."""
+    h, n = 1.0 / (rate_hz * substeps), len(stimulus)
+    pad = int(np.ceil(loop.delay.max() / h)) + 1
+    back, weight = _places(loop.delay, h, known=False)
+    input_back, input_weight = _places(loop.delay, h, known=True)
+    stimulus_weight = _places(loop.delay, h, known=True, linear=stimulus.ndim == 1)[1]
+    return Inputs(
+        np.zeros((loop.order.size, (n - 1) * substeps + 1, 3)),
+        back,
+        weight,
+        *_samples_around(loop.delay, h),
+        input_back,
+        input_weight,
+        stimulus_weight,
+        _refined_noise(noise, (loop.order.size, n), rate_hz, substeps, pad),
+        _refined_stimulus(stimulus, h, substeps, pad),
+        pad,
+    )
+
+
+def _limits(model: Model, rules: Rules, drifts: bool, substeps: int, steps: int) -> Limits:
+    """The rules as the kernel takes them."""
+    R = model.n_rows
+
+    def each(name: str, default: float) -> np.ndarray:
+        given = getattr(rules, name)
+        if given and len(given) != R:
+            raise ModelError(f"rules {name}: expected {R} numbers, one for each angle or row, got {given!r}")
+        return np.array(given or [default] * R, dtype=float)
+
+    dead = np.stack([each("dead_angle", 0.0), each("dead_rate", 0.0)])
+    motor = np.empty((0, R)) if rules.motor_noise is None else _linear(np.asarray(rules.motor_noise, float), substeps)
+    return Limits(dead, each("torque_limit", np.inf), motor, drifts, steps)
 
 
 def with_derivatives(signal: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -192,8 +211,8 @@ def _drift(model: Model, rules: Rules) -> np.ndarray:
     return drift * _scale(model, rules)
 
 
-def _check(model: Model, loop: Realisation, rules: Rules, h: float, derivatives: bool, tilt: bool) -> None:
-    kind, group, _, order = loop.signal.T
+def _check(model: Model, loop: Realisation, limits: Limits, h: float, derivatives: bool, tilt: bool) -> None:
+    kind, group, unknown, order = loop.signal.T
     reading = np.isin(kind, (ANGLE, SENSED)) & (group > 0)
     if reading.any() and loop.delay[group[reading]].min() < h * (1 - 1e-9):
         raise ModelError(
@@ -202,23 +221,47 @@ def _check(model: Model, loop: Realisation, rules: Rules, h: float, derivatives:
         )
     if loop.fastest_pole * h > STABLE_STEP:
         raise ModelError(
-            f"model {model.name}: a filter with a pole at {loop.fastest_pole:.3g} 1/s is too fast for the step of "
-            f"{h:.3g} s; raise the rate or the substeps"
+            f"model {model.name}: a filter or a row with a pole at {loop.fastest_pole:.3g} 1/s is too fast for the "
+            f"step of {h:.3g} s; raise the rate or the substeps"
         )
-    if not derivatives and (tilt or ((kind == STIMULUS) & (order > 0)).any()):
+    read = max((part.order for part in loop.readings if part.unknown == model.n_rows), default=0)
+    if not derivatives and (tilt or read > 0 or ((kind == STIMULUS) & (order > 0)).any()):
         raise ModelError(
             f"model {model.name}: it senses derivatives of the stimulus; give the stimulus as (n, 3) samples of value, "
             "first and second derivative"
         )
-    for row in np.flatnonzero(np.isfinite(rules.torque_limit)):
-        undelayed = (model.table.group_delay[model.table.entry[:, 2], 0] < 0) & (model.table.entry[:, 1] == 2)
-        if (undelayed & model.table.noisy & (model.table.entry[:, 0] == row)).any():
+    # Only noise is left where an undelayed active term of the highest order became part of the leading matrix.
+    solved = (kind == NOISE) & (order == loop.order[unknown])
+    if (limits.dead[order[solved & (order < 2)], unknown[solved & (order < 2)]] > 0).any():
+        raise ModelError(
+            f"rules dead_angle: undelayed active feedback of an unknown without inertia, as in model {model.name}, "
+            "cannot have a threshold"
+        )
+    for row in np.flatnonzero(np.isfinite(limits.torque)):
+        mine = loop.link[:, 1] == model.n_rows + row
+        if solved[loop.link[mine, 0]].any():
             raise ModelError(
                 f"rules torque_limit: the active {model.rows[row]} torque of model {model.name} holds undelayed "
-                "acceleration, which cannot be limited"
+                "feedback of the highest order, which cannot be limited"
             )
-        if not np.isin(loop.link[:, 1], (ACTIVE + row,)).any() and not (loop.torque_of == ACTIVE + row).any():
+        if not mine.any() and not (loop.torque_of == model.n_rows + row).any():
             raise ModelError(f"rules torque_limit: model {model.name} has no active {model.rows[row]} torque")
+
+
+def _samples_around(delay: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """First of six samples around stage times minus delays, (6, G) relative to the step, and weights (6, G, 6).
+
+    No sample is later than the step, nor, where the step itself is computed, than the one before.
+    """
+    first, weight = np.zeros((NODES.size, delay.size), dtype=np.int64), np.zeros((NODES.size, delay.size, 6))
+    for stage, g in np.ndindex(*first.shape):
+        x = NODES[stage] - delay[g] / h
+        first[stage, g] = min(int(np.floor(x)) - 2, -5 if stage else -6)
+        at = first[stage, g] + np.arange(6)
+        for k in range(6):
+            others = np.delete(at, k)
+            weight[stage, g, k] = np.prod((x - others) / (at[k] - others))
+    return first, weight
 
 
 def _places(delay: np.ndarray, h: float, *, known: bool, linear: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -271,10 +314,16 @@ def _linear(samples: np.ndarray, substeps: int) -> np.ndarray:
     return np.stack([np.interp(fine, coarse, column) for column in flat.T], axis=1).reshape(-1, *samples.shape[1:])
 
 
-def _refined_noise(noise: np.ndarray | None, n: int, rate_hz: float, substeps: int, lags: int) -> np.ndarray:
-    """Noise with derivatives (2, lags + samples + 1, 3) on the fine grid, its end in front of its beginning."""
+def _refined_noise(
+    noise: np.ndarray | None, shape: tuple[int, int], rate_hz: float, substeps: int, lags: int
+) -> np.ndarray:
+    """Noise with derivatives (R, lags + samples + 1, 3) on the fine grid, its end in front of its beginning.
+
+    ``shape``: R, and the number n of samples.
+    """
+    rows, n = shape
     if noise is None:
-        return np.zeros((2, lags + (n - 1) * substeps + 2, 3))
+        return np.zeros((rows, lags + (n - 1) * substeps + 2, 3))
     fine = _band_limited(np.asarray(noise, dtype=float), rate_hz, substeps)
     at = np.arange(-lags, (n - 1) * substeps + 2) % fine.shape[0]
     return np.ascontiguousarray(np.swapaxes(fine[at], 0, 1))

@@ -17,7 +17,7 @@ import numpy as np
 from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.rational import rational_rows
-from mcstudy.stance.realize import FILTERS, Realisation, realise
+from mcstudy.stance.realize import ANGLE, SENSED, Realisation, realise
 from mcstudy.stance.stability_kernel import ADVANCED, CERTIFIED, CHAIN, FAILED, SINGULAR, STATIC, Room, rightmost
 
 FALLBACK_ORDER = 32
@@ -161,51 +161,59 @@ def roots_chebyshev(model: Model, theta: np.ndarray, order: int = 40) -> np.ndar
     delay = loop.delay
     size = mass.shape[1]
     if delay.max() == 0.0:
-        roots = np.linalg.eigvals(np.linalg.solve(mass.sum(axis=0), state.sum(axis=0)))
-        return roots[np.argsort(-roots.real, kind="stable")]
-    unit = np.cos(np.pi * np.arange(order + 1) / order)  # 1 (present) ... -1 (longest delay)
-    differentiate = _differentiation(unit) * (2.0 / delay.max())
-    left, right = np.eye((order + 1) * size), np.kron(differentiate, np.eye(size))
-    left[:size] = right[:size] = 0.0
-    for g, d in enumerate(delay):
-        weights = _lagrange(unit, 1.0 - 2.0 * d / delay.max())
-        left[:size] += np.kron(weights, mass[g])
-        right[:size] += np.kron(weights, state[g])
-    roots = np.linalg.eigvals(np.linalg.solve(left, right))
+        left, right = mass.sum(axis=0), state.sum(axis=0)
+    else:
+        unit = np.cos(np.pi * np.arange(order + 1) / order)  # 1 (present) ... -1 (longest delay)
+        differentiate = _differentiation(unit) * (2.0 / delay.max())
+        left, right = np.eye((order + 1) * size), np.kron(differentiate, np.eye(size))
+        left[:size] = right[:size] = 0.0
+        for g, d in enumerate(delay):
+            weights = _lagrange(unit, 1.0 - 2.0 * d / delay.max())
+            left[:size] += np.kron(weights, mass[g])
+            right[:size] += np.kron(weights, state[g])
+    if loop.order.all():
+        roots = np.linalg.eigvals(np.linalg.solve(left, right))
+    else:  # an equation without derivatives has an infinite root, which is zero in 1 / (s - shift)
+        shift = 1.3 / delay.max() if delay.max() else 1.3 * (loop.fastest_pole or 1.0)
+        inverse = np.linalg.eigvals(np.linalg.solve(right - shift * left, left))
+        roots = shift + 1.0 / inverse[np.abs(inverse) > 1e-10 * np.abs(inverse).max(initial=0.0)]
     return roots[np.argsort(-roots.real, kind="stable")]
 
 
 def _first_order(loop: Realisation) -> tuple[np.ndarray, np.ndarray]:
     """The closed loop as sum_g mass_g x'(t - delay_g) = sum_g state_g x(t - delay_g), each (G, n, n).
 
-    x holds the angles, their rates and the filter states; angles held by padded rows and output filters
-    are left out.
+    x holds the unknowns, the rates of those of order 2 and the filter states; filters outside the loop are left out.
     """
-    n, groups = 4 + loop.head.size, loop.delay.size
+    R = loop.order.size
+    n, groups = 2 * R + loop.head.size, loop.delay.size
     mass, state = np.zeros((groups, n, n)), np.zeros((groups, n, n))
     mass[0] = np.eye(n)
-    mass[0, 2:4, 2:4] = loop.mass
-    state[0, 0:2, 2:4] = np.eye(2)
-    for (signal, destination), gain in zip(loop.link, loop.gain, strict=True):
-        _, g, angle, order = loop.signal[signal]
-        row, sign = (2 + destination % 2, -1.0) if destination < FILTERS else (4 + destination - FILTERS, 1.0)
-        if order == 2:
-            mass[g, row, 2 + angle] -= sign * gain
+    mass[0, R : 2 * R, R : 2 * R] = 0.0
+    state[0, :R, R : 2 * R] = np.eye(R)
+
+    def add(row: int, g: int, unknown: int, order: int, value: float) -> None:
+        """A derivative of an unknown, on the right-hand side of an equation."""
+        if order and order == loop.order[unknown]:
+            mass[g, row, unknown + R * (order - 1)] -= value
         else:
-            state[g, row, angle + 2 * order] += sign * gain
+            state[g, row, unknown + R * order] += value
+
+    for r, c in np.ndindex(R, R):
+        add(R + r, 0, c, int(loop.order[c]), -float(loop.leading[r, c]))
+    for (signal, to), gain in zip(loop.link, loop.gain, strict=True):
+        kind, g, unknown, order = loop.signal[signal]
+        if kind in (ANGLE, SENSED):
+            add(R + to % R if to < 2 * R else to, g, unknown, order, -gain if to < 2 * R else gain)
     for i, (head, last, torque) in enumerate(zip(loop.head, loop.last, loop.torque_of, strict=True)):
-        state[0, 4 + i, 4 + head] -= loop.coefficient[i]
+        state[0, 2 * R + i, 2 * R + head] -= loop.coefficient[i]
         if not last:
-            state[0, 4 + i, 5 + i] += 1.0
+            state[0, 2 * R + i, 2 * R + i + 1] += 1.0
         if torque >= 0:
-            state[0, 2 + torque % 2, 4 + i] -= 1.0
-    locked = {int(c) for c in loop.locks if c >= 0}
-    padded = {2 + int(r) for r in np.flatnonzero(loop.locks >= 0)}
-    equations = [i for i in range(n) if i not in locked | padded]
-    states = [i for i in range(n) if i >= 4 or i % 2 not in locked]
-    measuring = {4 + i for i, head in enumerate(loop.head) if loop.torque_of[head] < 0}
-    equations = [i for i in equations if i not in measuring]
-    states = [i for i in states if i not in measuring]
+            state[0, R + torque % R, 2 * R + i] -= 1.0
+    inside = loop.torque_of[loop.head] >= 0
+    equations = np.concatenate([loop.order == 2, np.ones(R, dtype=bool), inside])
+    states = np.concatenate([np.ones(R, dtype=bool), loop.order == 2, inside])
     return mass[:, equations][:, :, states], state[:, equations][:, :, states]
 
 

@@ -7,7 +7,7 @@ realization that one of the two could not use is left out of both. Groups with d
 its own realizations, and their variances add.
 
 Within a study the reference is the group with the defaults of a study file, or else the first group. If a publication
-makes a claim about a difference (`mcstudy.analysis.published`), the difference is compared with the claim.
+makes a claim about a difference (`mcstudy.analysis.publications`), the difference is compared with the claim.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from mcstudy.analysis import accuracy
 from mcstudy.analysis.labels import PERCENT, labelled
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.montecarlo import Moments, Statistic, jackknife
-from mcstudy.analysis.published.publication import publications
-from mcstudy.analysis.published.statement import Expectation, Variant
+from mcstudy.analysis.publications.publication import publications
+from mcstudy.analysis.publications.statement import Expectation, Variant
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.errors import InputError
 

@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from mcstudy.analysis.published.publication import ALONE, Counterpart
+from mcstudy.analysis.publications.publication import ALONE, Counterpart
 from mcstudy.report.frame import left_margin, share
 from mcstudy.report.html import html, joined, templates
 from mcstudy.report.readings import as_json

@@ -20,10 +20,10 @@ from mcstudy_goodworth2018.paper.statements import RESULTS
 from mcstudy_goodworth2018.paper.values import fit_values
 
 import mcstudy as mc
-from mcstudy.analysis.published.sampling import Value, pooled
-from mcstudy.analysis.published.statement import Published
-from mcstudy.analysis.published.verdict import judge
-from mcstudy.analysis.published.verdict_names import AGREES, DIFFERS
+from mcstudy.analysis.publications.sampling import Value, pooled
+from mcstudy.analysis.publications.statement import Published
+from mcstudy.analysis.publications.verdict import judge
+from mcstudy.analysis.publications.verdict_names import AGREES, DIFFERS
 from mcstudy.analysis.view import GroupView
 
 GROUP, SEED = "accuracy", 990017

@@ -8,7 +8,7 @@ import xarray as xr
 from mcstudy_goodworth2018.paper import accuracy_rows, model_rows, published
 from mcstudy_goodworth2018.paper.values import cells_of, fit_values, relation_values
 
-from mcstudy.analysis.published import sampling
+from mcstudy.analysis.publications import sampling
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import NoiseSway

@@ -8,12 +8,12 @@ from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis import accuracy, robust, selection
+from mcstudy.analysis import accuracy, order_statistics, selection
 from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
 from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.montecarlo import PlainStatistic, jackknives
 from mcstudy.analysis.performance import WITH_ERRORS, performance
-from mcstudy.analysis.published.publication import Row, compared
+from mcstudy.analysis.publications.publication import Row, compared
 from mcstudy.analysis.search.convergence import starts_needed_quantiles
 from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.notes import notes
@@ -204,8 +204,8 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     bounds = accuracy.at_bound(view.cells)
     for side in ("lower", "upper"):
         single[f"at_{side}_bound"] = bounds.sel(side=side)
-    single |= {"median_bias": robust.median_bias(view.cells), "mad": robust.mad(view.cells)}
-    spread = robust.estimate_quantiles(view.cells, _QUANTILES)
+    single |= {"median_bias": order_statistics.median_bias(view.cells), "mad": order_statistics.mad(view.cells)}
+    spread = order_statistics.estimate_quantiles(view.cells, _QUANTILES)
     single |= {f"quantile_{100 * q:02.0f}": spread.sel(quantile=q, drop=True) for q in _QUANTILES}
     single |= _of_errors(view.cells)
     if view.bounds_on_sd is not None:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from mcstudy.analysis.measures import MEASURES
-from mcstudy.analysis.published.publication import cited
-from mcstudy.analysis.published.verdict_names import AGREES, LIMIT
-from mcstudy.analysis.show.missed import missed_words
+from mcstudy.analysis.publications.publication import cited
+from mcstudy.analysis.publications.verdict_names import AGREES, LIMIT
+from mcstudy.analysis.show.missed_minimum import missed_words
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
 from mcstudy.stance.provenance import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error

@@ -8,8 +8,8 @@ from typing import Any
 from markupsafe import Markup
 
 from mcstudy.analysis.correlation import correlation
-from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL
-from mcstudy.analysis.show.missed import missed_words
+from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL
+from mcstudy.analysis.show.missed_minimum import missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.models.quantities import sums

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from mcstudy.analysis.kept import Look, looking
-from mcstudy.analysis.published.publication import ALONE, publications
+from mcstudy.analysis.cache import Look, looking
+from mcstudy.analysis.publications.publication import ALONE, publications
 from mcstudy.analysis.results import open_for_tables
 from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.summary import show_data

@@ -13,7 +13,7 @@ from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.search.by_starts import mean_cv, missed_by
 from mcstudy.analysis.search.convergence import starts_needed
 from mcstudy.analysis.search.stable_starts import hit_rate_by_start
-from mcstudy.analysis.show.missed import missed_percent, missed_words
+from mcstudy.analysis.show.missed_minimum import missed_percent, missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report import figures

@@ -8,8 +8,8 @@ from typing import Any
 
 from markupsafe import Markup
 
-from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL, DIFFERS
-from mcstudy.analysis.show.missed import missed_words
+from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL, DIFFERS
+from mcstudy.analysis.show.missed_minimum import missed_words
 from mcstudy.analysis.show.text import incomplete, ours, verdict
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
 from mcstudy.fitting.certainty import MISSED

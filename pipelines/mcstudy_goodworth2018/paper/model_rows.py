@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.analysis.published.sampling import Value, exact
+from mcstudy.analysis.publications.sampling import Value, exact
 from mcstudy.analysis.sensitivity import sensitivity
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import Noise, record_frequencies

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.neural import j_nc, j_nc_within
-from mcstudy.analysis.published.sampling import Value, correlation, means, pooled
+from mcstudy.analysis.publications.sampling import Value, correlation, means, pooled
 from mcstudy.analysis.search.minimum_curve import asymptote
 from mcstudy.analysis.selection import best, usable
 from mcstudy.fitting.certainty import HIT_TOLERANCE

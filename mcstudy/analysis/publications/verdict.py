@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.analysis.published.sampling import MANY, Value
-from mcstudy.analysis.published.statement import Published
-from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL, DIFFERS, LIMIT
+from mcstudy.analysis.publications.sampling import MANY, Value
+from mcstudy.analysis.publications.statement import Published
+from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL, DIFFERS, LIMIT
 
 LIMIT_FEW = 3.75
 """The same for fewer than `MANY` blocks, whose error is itself an estimate, too small where a mean |bias| is small by

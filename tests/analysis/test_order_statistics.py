@@ -10,7 +10,7 @@ import xarray as xr
 from scipy.stats import median_abs_deviation
 
 from mcstudy.analysis import robust
-from mcstudy.analysis.robust import estimate_quantiles, mad, median_bias
+from mcstudy.analysis.order_statistics import estimate_quantiles, mad, median_bias
 
 Cube = Callable[..., xr.Dataset]
 

@@ -13,7 +13,7 @@ import pytest
 
 import mcstudy as mc
 from mcstudy import program
-from mcstudy.analysis import kept as module
+from mcstudy.analysis import cache as module
 from mcstudy.analysis import results
 from mcstudy.analysis.cache import MOST, folder, kept
 from mcstudy.analysis.show.tables import show

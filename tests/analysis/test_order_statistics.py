@@ -57,7 +57,7 @@ def test_the_time_of_a_resample_does_not_grow_with_the_study(monkeypatch: pytest
     plain = order_statistics._mad
     monkeypatch.setattr(order_statistics, "_mad", lambda x: seen.append(x.size) or plain(x))
     mad(cells_of(np.arange(50_000.0)))
-    assert seen == [50_000, robust.RESAMPLES * robust.LARGEST_RESAMPLE]
+    assert seen == [50_000, order_statistics.RESAMPLES * order_statistics.LARGEST_RESAMPLE]
 
 
 def test_the_interval_of_the_median_holds_it_also_where_estimates_sit_on_two_bounds() -> None:

@@ -16,11 +16,11 @@ from mcstudy.fitting.solvers import Options
 
 
 def solve(problems: Sequence[Problem], assignment: np.ndarray, starts: np.ndarray, options: Options) -> Fits:
-    """Fit M starts of R problems that share model and frequencies, in one queue that keeps the lanes full.
+    """Fit M starts of K problems that share model and frequencies, in one queue that keeps the lanes full.
 
     Parameters
     ----------
-    problems: R problems; their model and ``f`` must be the same.
+    problems: K problems; their model and ``f`` must be the same.
     assignment: problem of each start, (M,) int.
     starts: (M, P).
     options: ``tolerance`` and ``max_iterations``.
@@ -35,9 +35,9 @@ def solve(problems: Sequence[Problem], assignment: np.ndarray, starts: np.ndarra
     return Fits.of(model, *out)
 
 
-def compile_kernel() -> None:
-    """Have the compiled code made, by the smallest fit there is."""
-    problem = small_problem()
+def compile_kernel(rows: int) -> None:
+    """Have the compiled code made for models of so many rows, by the smallest fit there is."""
+    problem = small_problem(rows)
     with apart():
         solve([problem], np.zeros(1, dtype=np.int64), problem.model.truth[None], Options(max_iterations=1))
 

@@ -20,8 +20,7 @@ import numpy as np
 from mcstudy.fitting.arguments import Queue
 from mcstudy.fitting.pseudo_data import packed
 from mcstudy.fitting.status import Status
-from mcstudy.stance.body import two_segment
-from mcstudy.stance.feedback import Model
+from mcstudy.stance.feedback import Model, Parameter, Term
 from mcstudy.stance.response import frf, frf_jacobian
 
 if TYPE_CHECKING:
@@ -123,10 +122,20 @@ def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarra
 
 
 @cache
-def small_problem() -> Problem:
+def small_problem(rows: int = 2) -> Problem:
     """A fit of the data of the true parameters at four frequencies: what compiled functions are compiled with."""
-    model, f = two_segment(), np.array([0.1, 0.3, 1.0, 3.0])
+    model, f = _springs(rows), np.array([0.1, 0.3, 1.0, 3.0])
     return paper_cost(model, f, frf(model, model.truth, f))
+
+
+def _springs(rows: int) -> Model:
+    """Damped joints that do not feel each other, whose stiffness acts late."""
+    names = tuple(f"joint{k}" for k in range(rows))
+    passive = (Term(name, name, order=order) for name in names for order in (1, 2))
+    active = (Term(name, name, ("stiffness",), delay="delay", noisy=True) for name in names)
+    parameters = (Parameter("stiffness", "", 1.0, 0.0, 2.0), Parameter("delay", "s", 0.1, 0.0, 0.2))
+    drive = (Term(name, "stimulus") for name in names)
+    return Model("springs", parameters, (*passive, *active, *drive), rows=names, angles=names)
 
 
 def queued(problems: Sequence[Problem], assignment: np.ndarray, starts: np.ndarray) -> Queue:

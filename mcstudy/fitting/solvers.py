@@ -21,17 +21,23 @@ if TYPE_CHECKING:
     from mcstudy.files.sections import Section  # whose library a diagnosis does not need
 
 
+USUAL_ROWS = 2
+"""Number of rows of the models that functions are compiled for ahead."""
+
+
 class Part(NamedTuple):
     """Functions that are compiled together.
 
     Attributes
     ----------
-    compile: ``module:function`` without arguments that has them compiled, by a call.
+    compile: ``module:function`` that has them compiled, by a call without arguments; of a part with ``rows`` with these
+        as its argument.
     functions: number of functions compiled for them by a new process that has those of ``after`` on disk.
     seconds: CPU time this takes (2.3 GHz Xeon, busy with other work).
     after: parts whose functions become part of these.
     calls: parts whose functions these call at their address (`mcstudy.compiling.addresses`): needed to run, not to
         compile.
+    rows: number of rows of the models that they are compiled for; 0: they are the same for all.
     """
 
     compile: str
@@ -39,6 +45,7 @@ class Part(NamedTuple):
     seconds: float
     after: tuple[str, ...] = ()
     calls: tuple[str, ...] = ()
+    rows: int = 0
 
 
 class Options(NamedTuple):
@@ -96,7 +103,7 @@ OWN = (
     Solver(
         name="lm",
         solve="mcstudy.fitting.lm:solve",
-        parts={"lm": Part("mcstudy.fitting.lm:compile_kernel", 9, 2.7, after=("steps",), calls=("gram",))},
+        parts={"lm": Part("mcstudy.fitting.lm:compile_kernel", 9, 2.7, ("steps",), ("gram",), USUAL_ROWS)},
         # The smallest keeps its vector lanes full and makes the few milliseconds of writing negligible; the largest
         # takes some seconds and 5 MB.
         fits_a_chunk=(1500, 50_000),

@@ -24,15 +24,15 @@ def wald_covariance(information: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def joint_covariance(covariance: np.ndarray, overlap: np.ndarray | None = None) -> np.ndarray:
-    """Covariance of all points together, (2N, 2N), from that of each point (N, 2, 2).
+    """Covariance of all points together, (N Y, N Y), from that of each point (N, Y, Y).
 
     ``overlap`` (N, N) is the correlation of neighbouring points that share lines (`overlap_of`); none by default.
     Raises `LinAlgError` where a point's covariance is not positive definite.
     """
-    n = len(covariance)
+    n, Y = covariance.shape[:2]
     root = np.linalg.cholesky(covariance)
     overlap = np.eye(n) if overlap is None else overlap
-    return np.einsum("nij,nm,mkj->nimk", root, overlap, root.conj()).reshape(2 * n, 2 * n)
+    return np.einsum("nij,nm,mkj->nimk", root, overlap, root.conj()).reshape(Y * n, Y * n)
 
 
 def overlap_of(bands: Bands) -> np.ndarray:
@@ -43,9 +43,9 @@ def overlap_of(bands: Bands) -> np.ndarray:
 
 
 def sandwich(J: np.ndarray, weight: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """First-order covariance (F, F) of least squares with weights (N, 2, 2) for FRF errors ``joint`` (2N, 2N).
+    """First-order covariance (F, F) of least squares with weights (N, Y, Y) for FRF errors ``joint`` (N Y, N Y).
 
-    ``J`` (N, 2, F): derivatives of the FRFs in the free parameters, in units in which these are of one size.
+    ``J`` (N, Y, F): derivatives of the FRFs in the free parameters, in units in which these are of one size.
     """
     weighted = np.einsum("nij,njp->nip", weight, J)
     G = np.einsum("nji,njp->nip", weight.conj(), weighted).reshape(-1, J.shape[-1])
@@ -62,7 +62,7 @@ def standard_errors(
 
     Parameters
     ----------
-    covariance: of the FRF errors at each point, (N, 2, 2). overlap: (N, N), from `overlap_of`.
+    covariance: of the FRF errors at each point, (N, Y, Y). overlap: (N, N), from `overlap_of`.
     likelihood: whether the weights of ``problem`` are those of this covariance (`ml_cost`).
 
     All are NaN where the data do not determine the free parameters, or where the covariance is not one.

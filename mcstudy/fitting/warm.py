@@ -20,7 +20,7 @@ from mcstudy.fitting.linearised import POOL, LinearModel
 from mcstudy.fitting.lm import normal_equations
 from mcstudy.fitting.plans import plan, workspace
 from mcstudy.fitting.problem import small_problem
-from mcstudy.fitting.solvers import OWN, Part, named, solvers
+from mcstudy.fitting.solvers import OWN, USUAL_ROWS, Part, named, solvers
 from mcstudy.stance.simulate_time import simulate
 from mcstudy.stance.stability import growth_rate
 
@@ -36,7 +36,7 @@ def load(part: str) -> bool:
     if part not in _ready:
         try:
             with only_compiled():
-                named(PARTS[part].compile)()
+                _compile(PARTS[part])
         except NotCompiledError:
             return False
         _ready.add(part)
@@ -54,8 +54,17 @@ def compile_here(parts: Iterable[str] = ()) -> int:
 def compile_part(part: str) -> None:
     """Compile in this process what is not compiled yet of one part, without the parts that it calls."""
     if part not in _ready:
-        named(PARTS[part].compile)()
+        _compile(PARTS[part])
         _ready.add(part)
+
+
+def _compile(part: Part) -> None:
+    named(part.compile)(*([part.rows] if part.rows else []))
+
+
+def of_rows(part: str, rows: int) -> str:
+    """Name of a part for models of so many rows."""
+    return f"{part}:{rows}" if PARTS[part].rows not in (0, rows) else part
 
 
 def with_called(parts: Iterable[str]) -> list[str]:
@@ -103,15 +112,16 @@ def compile_steps() -> None:
     kernel.bounded_step(work, bounds)
 
 
-def compile_cost() -> None:
+def compile_cost(rows: int) -> None:
     """Compile the cost without derivatives."""
-    table = plan(small_problem().model, small_problem().f)
+    problem = small_problem(rows)
+    table = plan(problem.model, problem.f)
     kernel.evaluate_cost(table, workspace(table))
 
 
-def compile_gram() -> None:
+def compile_gram(rows: int) -> None:
     """Compile the normal equations of the equation error."""
-    problem = small_problem()
+    problem = small_problem(rows)
     normal_equations(problem, problem.model.truth[None])
 
 
@@ -121,13 +131,13 @@ def compile_starts() -> None:
     LinearModel.of(problem.model, problem.f).steps(problem, problem.model.truth[None], POOL[-1:])
 
 
-def compile_diagnosis() -> None:
+def compile_diagnosis(rows: int) -> None:
     """Compile the fits and likelihood ratios of a diagnosis."""
     # Imported here: studies need none of them, and the statistics behind the first take a second to import.
     from mcstudy.fitting.penalised import Fitter
     from mcstudy.fitting.small_linear import gaussian_factor, likelihood_ratios, orthonormal
 
-    problem = small_problem()
+    problem = small_problem(rows)
     model = problem.model
     fitter = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f)
     data = problem.packed
@@ -138,28 +148,28 @@ def compile_diagnosis() -> None:
     likelihood_ratios(np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.ones(1))
 
 
-def compile_intervals() -> None:
+def compile_intervals(rows: int) -> None:
     """Compile the profile likelihood intervals."""
     from mcstudy.fitting.penalised import Fitter
 
-    problem = small_problem()
+    problem = small_problem(rows)
     model = problem.model
     fitter, P = Fitter(model, Prior(model.truth, model.upper - model.lower), problem.f), model.truth.size
     with apart():
         fitter.ends(problem.packed, model.truth[None], np.eye(1, P), np.ones(1), np.ones(1))
 
 
-def _part(function: Callable[[], None], functions: int, seconds: float, *calls: str) -> Part:
-    return Part(f"{__name__}:{function.__name__}", functions, seconds, calls=calls)
+def _part(function: Callable[..., None], functions: int, seconds: float, *calls: str, rows: int = 0) -> Part:
+    return Part(f"{__name__}:{function.__name__}", functions, seconds, calls=calls, rows=rows)
 
 
 _PARTS = {
     "stability": _part(compile_stability, 33, 4.6),
-    "gram": _part(compile_gram, 29, 9.0),
+    "gram": _part(compile_gram, 29, 9.0, rows=USUAL_ROWS),
     "steps": _part(compile_steps, 10, 2.4),
-    "cost": _part(compile_cost, 20, 2.9),
-    "diagnosis": _part(compile_diagnosis, 32, 6.2, "gram"),
-    "intervals": _part(compile_intervals, 76, 10.0, "gram"),
+    "cost": _part(compile_cost, 20, 2.9, rows=USUAL_ROWS),
+    "diagnosis": _part(compile_diagnosis, 32, 6.2, "gram", rows=USUAL_ROWS),
+    "intervals": _part(compile_intervals, 76, 10.0, "gram", rows=USUAL_ROWS),
     "time_domain": _part(compile_simulation, 20, 2.2),
     "linearised": _part(compile_starts, 20, 5.0),
     **{name: part for solver in OWN for name, part in solver.parts.items()},
@@ -168,10 +178,18 @@ _PARTS = {
 
 
 class _Parts(Mapping[str, Part]):
-    """`_PARTS`, and those of attached solvers, which are loaded when one of theirs is asked for, or all."""
+    """`_PARTS`, and those of attached solvers, which are loaded when one of theirs is asked for, or all.
+
+    A name may end with another number of rows, as ``"gram:3"`` does (`of_rows`).
+    """
 
     def __getitem__(self, name: str) -> Part:
-        return _PARTS[name] if name in _PARTS else _attached()[name]
+        plain, _, rows = name.partition(":")
+        part = _PARTS[plain] if plain in _PARTS else _attached()[plain]
+        if not rows:
+            return part
+        after, calls = (tuple(of_rows(other, int(rows)) for other in others) for others in (part.after, part.calls))
+        return part._replace(rows=int(rows), after=after, calls=calls)
 
     def __iter__(self) -> Iterator[str]:
         yield from _PARTS
@@ -182,8 +200,9 @@ class _Parts(Mapping[str, Part]):
 
     def in_order(self, names: Collection[str]) -> list[str]:
         """These parts in order."""
-        every = _PARTS if _PARTS.keys() >= set(names) else self
-        return [name for name in every if name in names]
+        plain = [name.partition(":")[0] for name in names]
+        order = list(_PARTS if _PARTS.keys() >= set(plain) else self)
+        return sorted(names, key=lambda name: (order.index(name.partition(":")[0]), name))
 
 
 @cache

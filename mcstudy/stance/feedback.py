@@ -465,8 +465,9 @@ class Model:
 
     @property
     def n_angles(self) -> int:
-        """2, or 1 for a one-segment model (no term in the first row), whose second angle is identically zero."""
-        return 2 if any(t.row == self.rows[0] for t in self.terms) else 1
+        """Outputs that there are: Y, or 1 for a model of one joint, whose second angle is identically zero."""
+        padded = not self.outputs and not any(t.row == self.rows[0] for t in self.terms)
+        return self.n_outputs - padded
 
     @cached_property
     def delays(self) -> tuple[str, ...]:
@@ -482,8 +483,9 @@ class Model:
 
     @property
     def senses_motion(self) -> bool:
-        """Whether a term senses the rate or the acceleration of the stimulus."""
-        return any(t.sense == "stimulus" and t.order > 0 for t in self.terms)
+        """Whether a term or an output holds the rate or the acceleration of the stimulus."""
+        sensed: list[Term | OutputTerm] = [*self.terms, *(t for o in self.outputs for t in o.terms)]
+        return any(t.sense == "stimulus" and t.order > 0 for t in sensed)
 
     def with_values(self, values: Mapping[str, float]) -> Model:
         """This model with other nominal values (bounds unchanged); raises `ModelError` on an unknown name."""

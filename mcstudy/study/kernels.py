@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mcstudy.fitting.warm import PARTS
+from mcstudy.fitting.warm import PARTS, of_rows
 from mcstudy.scheduler.compiling import begin, compile_kernels
 from mcstudy.study.design import Group, Study
+from mcstudy.study.models import build_model
 
 
 def parts_of(groups: Iterable[Group]) -> list[str]:
     """Names of `PARTS`, in their order."""
     parts = {"stability"}
     for group in groups:
-        parts |= {group.simulator, group.fit.solver, group.fit.starts}
+        needed = {group.simulator, group.fit.solver, group.fit.starts}
         if group.fit.starts == "linearised" or group.spectra.covariance == "through_loop":
-            parts |= {"linearised", "lm"}  # which race fits of that solver
-    return [part for part in PARTS if part in parts]
+            needed |= {"linearised", "lm"}  # which race fits of that solver
+        rows = build_model(group).n_rows
+        parts |= {of_rows(part, rows) for part in PARTS if part in needed}
+    return PARTS.in_order(parts)
 
 
 def compile_for_check(study: Study, fits: bool = True) -> None:

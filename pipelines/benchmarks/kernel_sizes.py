@@ -38,7 +38,8 @@ def joints(R: int) -> Model:
             terms.append(Term(row, sensed, order=2, coefficient=inertia[k, j]))
             for kind, order in (("P", 0), ("D", 1)):
                 name = f"{kind}{k}{j}"
-                parameters.append(Parameter(name, "", rng.normal() + 3.0 * (j == k), -6.0, 6.0))
+                value = rng.normal() + 3.0 * (j == k)
+                parameters.append(Parameter(name, "", value, value - 4.0, value + 4.0))
                 terms.append(Term(row, sensed, name, order, f"T{k}"))
     return Model(f"{R} joints", tuple(parameters), tuple(terms), angles=names)
 

@@ -8,9 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from linked_segments import model
 
 from mcstudy.fitting import compilers, warm
+from mcstudy.fitting.problem import small_problem
+from mcstudy.fitting.solvers import fit
 from mcstudy.fitting.warm import PARTS
+from mcstudy.study import kernels
+from mcstudy.study.design import FitSection, Group
 
 PART = "time_domain"
 
@@ -62,8 +67,19 @@ def test_where_nothing_can_be_kept_no_process_is_started(monkeypatch: pytest.Mon
 def test_parts_are_compiled_after_those_they_call(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warm, "load", lambda part: part == "steps")
     assert warm.missing(["lm", "stability"]) == ["stability", "gram", "lm"]
-    for part, one in PARTS.items():
-        assert all(list(PARTS).index(before) < list(PARTS).index(part) for before in one.after)
+    for name, part in PARTS.items():
+        assert all(list(PARTS).index(before) < list(PARTS).index(name) for before in part.after)
+
+
+def test_a_study_of_three_joints_needs_code_for_three_rows_and_shares_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernels, "build_model", lambda _group: model(3))
+    group = Group(realizations=1, starts=1, fmax=[1.2], amplitude=[5.0], fit=FitSection(starts="linearised"))
+    assert kernels.parts_of([group]) == ["stability", "linearised", "lm:3"]
+    assert warm.with_called(["lm:3", "lm"]) == ["gram", "gram:3", "lm", "lm:3"]
+    assert PARTS["lm:3"].after == ("steps",)
+    problem = small_problem(3)
+    assert problem.model.n_rows == 3
+    assert fit(problem, problem.model.truth[None]).cost[0] < 1e-20
 
 
 def test_a_process_that_compiles_a_part_leaves_what_it_calls_to_another(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from mcstudy.files.sections import Section
-from mcstudy.fitting.solvers import Part, Solver
+from mcstudy.fitting.solvers import USUAL_ROWS, Part, Solver
 
 
 class Settings(Section):
@@ -44,7 +44,7 @@ solver = Solver(
     solve="mcstudy_goodworth2018.solver.emulation:solve",
     parts={
         "interior_point": Part(
-            "mcstudy_goodworth2018.solver.emulation:compile_kernel", 38, 16.0, after=("steps",), calls=("cost",)
+            "mcstudy_goodworth2018.solver.emulation:compile_kernel", 38, 16.0, ("steps",), ("cost",), USUAL_ROWS
         )
     },
     settings=Settings,

@@ -86,8 +86,8 @@ def choices(options: Options) -> Choices:
     )
 
 
-def compile_kernel() -> None:
-    """Have the compiled code made, by the smallest fit there is."""
-    problem = small_problem()
+def compile_kernel(rows: int) -> None:
+    """Have the compiled code made for models of so many rows, by the smallest fit there is."""
+    problem = small_problem(rows)
     with apart():
         solve([problem], np.zeros(1, dtype=np.int64), problem.model.truth[None], Options(max_iterations=1))

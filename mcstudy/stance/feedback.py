@@ -466,8 +466,12 @@ class Model:
     @property
     def n_angles(self) -> int:
         """Outputs that there are: Y, or 1 for a model of one joint, whose second angle is identically zero."""
-        padded = not self.outputs and not any(t.row == self.rows[0] for t in self.terms)
-        return self.n_outputs - padded
+        return self.n_outputs - (self.padded and not self.outputs)
+
+    @property
+    def padded(self) -> bool:
+        """Whether the first of two rows is there for the form only, because the model has one joint."""
+        return self.n_rows == 2 and not any(t.row == self.rows[0] for t in self.terms)
 
     @cached_property
     def delays(self) -> tuple[str, ...]:
@@ -579,7 +583,7 @@ class Table:
         index = {name: i for i, name in enumerate(model.names)}
         filter_index = {f.name: i for i, f in enumerate(model.filters)}
         terms = list(model.terms)
-        if model.n_angles == 1:
+        if model.padded:
             terms.append(Term(model.rows[0], model.angles[1]))
         groups: dict[tuple[tuple[int, ...], tuple[int, ...]], int] = {}
         entry, weight, noisy = [], [], []

@@ -62,7 +62,7 @@ class Signals:
     @property
     def angles(self) -> list[str]:
         """Names of the angles that move."""
-        return [n.replace("theta", "θ") for n in self.view.model.angles[: self.view.model.n_angles]]
+        return [n.replace("theta", "θ") for n in self.view.model.output_names[: self.view.model.n_angles]]
 
     @property
     def cycles(self) -> int:

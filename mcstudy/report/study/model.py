@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from markupsafe import Markup
 
-from mcstudy.analysis.published.publication import ALONE, Counterpart
+from mcstudy.analysis.publications.publication import ALONE, Counterpart
 from mcstudy.report.html import html, table
 from mcstudy.report.labels import with_units
 from mcstudy.report.study.context import Context

@@ -74,10 +74,12 @@ def covariance_of(data: xr.Dataset) -> xr.DataArray:
         return measured_covariance(data).assign_attrs(source="mean of the stored noise covariances")
     model, points, s = fitted_model(data), points_of(data), group.stimulus
     duration_s = (s.cycles - s.discard) * points.period_s
-    covariance = np.zeros((len(group.amplitude), len(points), 2, 2), dtype=complex)
+    covariance = np.zeros((len(group.amplitude), len(points), model.n_outputs, model.n_outputs), dtype=complex)
+    noise, measured = group.noise_source, group.measurement_noise
+    recorded = None if measured is None else measured.psd(s.rate_hz)
     for a, amplitude in enumerate(group.amplitude):
         drive = stimulus(group, amplitude).coefficients()[points.lines]
-        covariance[a] = expected_line_covariance(model, model.truth, group.noise_source, points.f, drive, duration_s)
+        covariance[a] = expected_line_covariance(model, model.truth, noise, points.f, drive, duration_s, recorded)
     coords = {d: data[d] for d in ("amplitude", "frequency")}
     dims = ("amplitude", "frequency", "angle", "angle_2")
     return xr.DataArray(covariance, coords, dims, attrs={"source": "sensor noise through the true loop"})

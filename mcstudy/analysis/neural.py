@@ -80,7 +80,7 @@ def j_nc_of(theta: np.ndarray, truth: np.ndarray, model: Model, f: np.ndarray, c
     scale = np.where(present, np.abs(true), 1.0)
     flat = theta.reshape(-1, theta.shape[-1])
     out = np.full((flat.shape[0], counts.size), np.nan)
-    controllers = present.sum((1, 2)).cumsum()
+    controllers = np.where(present.any(), present.sum((1, 2)).cumsum(), np.nan)  # NaN for a loop without any
     for begin in range(0, flat.shape[0], _BLOCK):
         error = np.where(present, (neural_controllers(model, flat[begin : begin + _BLOCK], f) - true) / scale, 0.0)
         total = (np.abs(error) ** 2).sum((-2, -1)).cumsum(-1)

@@ -92,15 +92,10 @@ def _real(z: np.ndarray) -> np.ndarray:
     return np.concatenate([z.real.ravel(), z.imag.ravel()])
 
 
-def _measured(model: Model) -> int:
-    """Number of outputs, without the second angle of a model of one joint."""
-    return model.n_angles if not model.outputs and model.n_rows == 2 else model.n_outputs
-
-
 def paper_cost(model: Model, f: np.ndarray, data: np.ndarray) -> Problem:
     """The paper's J: mean squared error relative to the data's own magnitude, over the model's Y outputs."""
     data = np.asarray(data, dtype=complex)
-    Y = _measured(model)
+    Y = model.n_angles
     weight = np.zeros((*data.shape, data.shape[1]), dtype=complex)
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in range(Y):
@@ -112,7 +107,7 @@ def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarra
     """Maximum likelihood: V = sum r^H C^-1 r, with ``covariance`` (N, Y, Y) Hermitian E[r r^H] of the FRF errors."""
     data = np.asarray(data, dtype=complex)
     weight = np.zeros((*data.shape, data.shape[1]), dtype=complex)
-    Y = _measured(model)
+    Y = model.n_angles
     outputs = np.s_[:, :Y, :Y]
     if np.isfinite(covariance).all():
         weight[outputs] = np.linalg.inv(np.linalg.cholesky(covariance[outputs]))

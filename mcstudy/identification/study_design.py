@@ -68,7 +68,7 @@ def study_of(fitted: FitRecord, name: str, *, realizations: int = 100, starts: i
             },
         },
         stimulus={"kind": recording.stimulus, **stimulus, "cycles": R + 1, "discard": 1},
-        noise={"table": {"f_hz": noise.f_hz, "theta1": noise.theta1, "theta2": noise.theta2}},
+        noise={"table": {"f_hz": noise.f_hz, **dict(zip(noise.names, noise.densities, strict=True))}},
         spectra={"points": "odd_lines", "ramp": "remove"},
         fit={"cost": "ml", "starts": "linearised"},  # between such wide bounds few uniform starts end lowest
     )

@@ -65,5 +65,5 @@ def fitted_noise(fitted: FitRecord) -> tuple[TabulatedNoise, np.ndarray]:
     level = np.einsum("nij,nj->ni", response, np.exp(basis @ log_density))
     ratio = np.sqrt(level.sum(axis=0) / measured.sum(axis=0))
     density = np.exp(log_density).T / DEG2_TO_RAD2
-    table = (tuple(float(f"{x:.4g}") for x in values) for values in (knots, *density))
-    return TabulatedNoise(*table), ratio
+    f_hz, *densities = (tuple(float(f"{x:.4g}") for x in values) for values in (knots, *density))
+    return TabulatedNoise(f_hz, tuple(densities), fitted.model.angles), ratio

@@ -108,16 +108,21 @@ def check_response(table: ModelTable, f: np.ndarray = FREQUENCIES) -> tuple[floa
 
 
 def check_stability(table: ModelTable) -> float:
-    """Growth rate at the true values, 1/s; raises `DesignError` for an improper or an unstable closed loop."""
-    from mcstudy.stance.realize import realise
+    """Growth rate at the true values, 1/s; raises `DesignError` for an improper or an unstable closed loop.
+
+    Minus infinity for a loop without dynamics.
+    """
     from mcstudy.stance.stability import growth_rate  # loads compiled code
 
     model = table.model()
     try:
-        realise(model, model.truth)
         growth = float(growth_rate(model, model.truth))
     except ModelError as error:
         raise DesignError(f"term: {error}") from None
+    if np.isnan(growth):
+        raise DesignError("term: expected a closed loop with characteristic roots, got a singular one")
+    if growth == np.inf:
+        raise DesignError("term: expected a proper closed loop, got a delayed term of a higher order than all others")
     if not growth < 0:
         raise DesignError(
             f"parameter: expected a stable closed loop at the true values, got growth rate {growth:+.3g} 1/s"

@@ -421,7 +421,7 @@ def table_of(model: Model) -> dict[str, Any]:
     """The plain table of a model, without what has its default."""
     if model.blocks:
         raise ModelError(f"model {model.name}: expected a single stimulus, got {len(model.blocks)}")
-    n = model.n_angles
+    n = model.n_rows - model.padded
     joints, angles = tuple(reversed(model.rows))[:n], model.angles[:n]
     sums = {model.senses[angle]: angle for angle in angles}
     if len(angles) == len(SENSES["theta2s"]) - 1:

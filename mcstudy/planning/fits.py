@@ -119,7 +119,8 @@ class Fitter:
             g = self.group
             bands = self.experiment(cycles).bands.below(g.fmax[-1])
             noise, unit, removed = g.noise_source, stimulus(g, 1.0), g.spectra.ramp == "remove"
-            self._laws[cycles] = frf_law(self.model, unit, noise, bands, cycles, g.stimulus.discard, removed)
+            measured = g.measurement_noise
+            self._laws[cycles] = frf_law(self.model, unit, noise, bands, cycles, g.stimulus.discard, removed, measured)
         return self._laws[cycles]
 
     def realizations(self, design: Design, kind: str, n: int) -> np.ndarray:

@@ -19,7 +19,7 @@ from mcstudy.planning.search import Rules, least_fits, next_design, search
 from mcstudy.planning.solution import Answer, Crossing, Reading, Row, SolutionRecord
 from mcstudy.planning.space import AMPLITUDE, CYCLES, REALIZATIONS, Space, rounded, space_of
 from mcstudy.planning.targets import Target, parse_targets
-from mcstudy.study.checks import check_group
+from mcstudy.study.checks import check_group, noisy_outputs
 from mcstudy.study.design import Study
 from mcstudy.study.group import Group
 from mcstudy.study.measure import stimulus
@@ -123,8 +123,8 @@ def _group(study: Study, name: str | None) -> tuple[str, Group]:
     if name not in study.groups:
         raise InputError(f"group: expected one of {', '.join(study.groups)}, got {name!r}")
     group = study.groups[name]
-    if group.simulator == "none" or not group.noise.on_all(build_model(group).n_angles):
-        raise InputError(f"group {name}: expected noise on both angles; without noise every design is as good")
+    if not noisy_outputs(group, build_model(group)):
+        raise InputError(f"group {name}: expected noise on all outputs; without noise every design is as good")
     if group.until_certain:
         raise InputError(f"group {name}: starts: expected a number, not 'until certain'")
     return name, group

@@ -19,7 +19,7 @@ from mcstudy.spectra.even_lines import EvenLineCovariance
 from mcstudy.spectra.loop_covariance import LoopCovariance
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.line_stimulus import Stimulus
-from mcstudy.stance.noise import Noise
+from mcstudy.stance.noise import MeasurementNoise, Noise
 from mcstudy.stance.response import frf, noise_response
 from mcstudy.stance.simulate_spectral import NoiseSway
 
@@ -30,9 +30,9 @@ class SpectrumNoise:
 
     Attributes
     ----------
-    coefficients: Fourier coefficients, rad, (L, 2) complex.
-    covariance: their covariance estimated from the even lines, rad^2, (L, 2, 2) complex.
-    even: Fourier coefficients at the even lines that `SpectralExperiment.through_loop` averages, (E, 2) complex.
+    coefficients: Fourier coefficients of the Y outputs, rad, (L, Y) complex.
+    covariance: their covariance estimated from the even lines, rad^2, (L, Y, Y) complex.
+    even: Fourier coefficients at the even lines that `SpectralExperiment.through_loop` averages, (E, Y) complex.
     """
 
     coefficients: np.ndarray
@@ -47,8 +47,8 @@ class FrfEstimate:
     Attributes
     ----------
     f: frequencies, Hz, (N,).
-    frf: stimulus-to-angle FRFs, rad per unit of stimulus, (N, 2) complex.
-    covariance: E[r r^H] of their errors, (N, 2, 2) complex.
+    frf: FRFs of the Y outputs, rad per unit of stimulus, (N, Y) complex.
+    covariance: E[r r^H] of their errors, (N, Y, Y) complex.
     dof: equivalent independent complex lines behind each covariance, averaged over the point's lines, (N,).
     """
 
@@ -61,11 +61,11 @@ class FrfEstimate:
 def frf_from_noise(
     response: np.ndarray, noise: SpectrumNoise, stimulus: np.ndarray, bands: Bands
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Band means of H + N/U and their covariance: (N, 2) and (N, 2, 2).
+    """Band means of H + N/U and their covariance: (N, Y) and (N, Y, Y).
 
     Parameters
     ----------
-    response: ideal FRF at the bands' lines, (L, 2).
+    response: ideal FRF at the bands' lines, (L, Y).
     noise: noise on the mean spectrum at those lines.
     stimulus: Fourier coefficients of the stimulus at those lines, (L,).
     bands: the points.
@@ -85,6 +85,7 @@ class SpectralExperiment:
     bands: frequency points, on harmonics of the stimulus' period.
     cycles, discard: recorded cycles, and how many are dropped at the start.
     spectrum: `periods.raw` (the paper) or `periods.ramp_removed`.
+    measured: noise of the recording itself.
 
     Raises `InputError` when the bands do not fit the stimulus or no cycle is left.
     """
@@ -99,6 +100,7 @@ class SpectralExperiment:
         cycles: int = 6,
         discard: int = 1,
         spectrum: periods.Spectrum = periods.raw,
+        measured: MeasurementNoise | None = None,
     ) -> None:
         check_period(bands, stimulus.period_s)
         if not 0 <= discard < cycles:
@@ -106,10 +108,10 @@ class SpectralExperiment:
         self.bands, self.discard, self.spectrum = bands, discard, spectrum
         self.period = stimulus.samples
         self.true_frf = frf(model, theta, bands.f)
-        """The closed form at the points' frequencies, (N, 2): what the paper's noise-free fits use as data."""
+        """The closed form at the points' frequencies, (N, Y): what the paper's noise-free fits use as data."""
         self._response = frf(model, theta, bands.line_f)
         self._unit_stimulus = replace(stimulus, amplitude=1.0).coefficients()[bands.lines]
-        self._sway = NoiseSway(model, theta, noise, cycles * stimulus.samples, stimulus.rate_hz)
+        self._sway = NoiseSway(model, theta, noise, cycles * stimulus.samples, stimulus.rate_hz, measured)
         self._covariance = EvenLineCovariance(bands.lines, stimulus.samples // 2)
         self._loop_covariance = LoopCovariance(bands.lines, stimulus.samples // 2)
         self._model = model
@@ -125,7 +127,7 @@ class SpectralExperiment:
     def through_loop(self, noise: SpectrumNoise, theta: np.ndarray) -> SpectrumNoise:
         """The same noise with its covariance re-estimated through a loop with parameters ``theta`` (a first fit), (P,).
 
-        See `mcstudy.spectra.loop_covariance`.
+        See `mcstudy.spectra.loop_covariance`; for noise of the loop alone, and as many outputs as sensed angles.
         """
         n = self._model.n_angles
         even_f = self._loop_covariance.even / self.bands.period_s
@@ -136,11 +138,11 @@ class SpectralExperiment:
         return replace(noise, covariance=covariance)
 
     def noise_free(self) -> np.ndarray:
-        """Band means of the ideal FRF, (N, 2): differs from `true_frf` only by the averaging."""
+        """Band means of the ideal FRF, (N, Y): differs from `true_frf` only by the averaging."""
         return self.bands.average(self._response)
 
     def frf(self, noise: SpectrumNoise, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
-        """The "sim" FRF (N, 2) and its covariance (N, 2, 2) at a stimulus amplitude (in the stimulus' convention)."""
+        """The "sim" FRF (N, Y) and its covariance (N, Y, Y) at a stimulus amplitude (in the stimulus' convention)."""
         return frf_from_noise(self._response, noise, amplitude * self._unit_stimulus, self.bands)
 
 
@@ -162,7 +164,7 @@ def frf_from_recording(
 
     Parameters
     ----------
-    theta: angles, rad, (n, 2), or (T, n, 2) for trials with the same stimulus, whose spectra are averaged.
+    theta: what was recorded, (n, Y), or (T, n, Y) for trials with the same stimulus, whose spectra are averaged.
     stimulus: the stimulus, (n,), or (T, n).
     rate_hz: sampling rate, Hz; the bands' period must be a whole number of samples.
     bands: frequency points.

@@ -16,7 +16,7 @@ from scipy import fft
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.line_stimulus import Stimulus
-from mcstudy.stance.noise import Noise
+from mcstudy.stance.noise import MeasurementNoise, Noise
 from mcstudy.stance.response import frf
 from mcstudy.stance.simulate_spectral import sway_psd
 
@@ -27,8 +27,8 @@ class FrfLaw:
 
     Attributes
     ----------
-    mean: expected FRF, (N, 2). root: M, (4 N, 4 N), with M^T M the covariance of the real parts of all N points
-    and both angles, followed by the imaginary parts. joint: E[r r^H] of the errors r of all points, (2 N, 2 N).
+    mean: expected FRF of Y outputs, (N, Y). root: M, (2 N Y, 2 N Y), with M^T M the covariance of the real parts of all
+    N points and outputs, followed by the imaginary parts. joint: E[r r^H] of the errors r of all points, (N Y, N Y).
     """
 
     mean: np.ndarray
@@ -42,11 +42,11 @@ class FrfLaw:
 
     @property
     def covariance(self) -> np.ndarray:
-        """E[r r^H] of the errors of each point, (N, 2, 2)."""
+        """E[r r^H] of the errors of each point, (N, Y, Y)."""
         return np.einsum("nink->nik", self.joint.reshape(*self.mean.shape, *self.mean.shape))
 
     def draw(self, normal: np.ndarray, amplitude: float) -> np.ndarray:
-        """FRFs (R, N, 2) at an amplitude from standard normal numbers (R, 4 N); equal numbers give paired FRFs."""
+        """FRFs (R, N, Y) at an amplitude from standard normal numbers (R, 2 N Y); equal numbers give paired FRFs."""
         parts = (normal @ self.root).reshape(len(normal), 2, *self.mean.shape) / amplitude
         return np.asarray(self.mean + parts[:, 0] + 1j * parts[:, 1])
 
@@ -59,6 +59,7 @@ def frf_law(
     cycles: int,
     discard: int,
     ramp_removed: bool,
+    measured: MeasurementNoise | None = None,
 ) -> FrfLaw:
     """The law at the true parameters, for the same arguments as `SpectralExperiment`; ``discard`` >= 1 with ramps.
 
@@ -66,9 +67,10 @@ def frf_law(
     """
     period, n = stimulus.samples, cycles * stimulus.samples
     f = np.arange(1, (n + 1) // 2) * (stimulus.rate_hz / n)
-    power = sway_psd(model, model.truth, noise, f) / (2 * n / stimulus.rate_hz)
+    recorded = None if measured is None else measured.psd(stimulus.rate_hz)
+    power = sway_psd(model, model.truth, noise, f, recorded) / (2 * n / stimulus.rate_hz)
     drive = stimulus.coefficients()[bands.lines] / stimulus.amplitude
-    N = len(bands)
+    N, Y = len(bands), model.n_outputs
     forward, backward = (np.empty((N, f.size), dtype=complex) for _ in range(2))
     for p, weights in enumerate(bands.weights):
         lines = np.zeros(period, dtype=complex)
@@ -84,13 +86,13 @@ def frf_law(
             sample = np.roll(sample, 1) - sample
         answer = fft.ifft(sample) * n
         forward[p], backward[p] = answer[1 : f.size + 1], answer[-1 : -f.size - 1 : -1]
-    gamma, pseudo = (np.empty((N, 2, N, 2), dtype=complex) for _ in range(2))
-    for i in range(2):
-        for k in range(2):
+    gamma, pseudo = (np.empty((N, Y, N, Y), dtype=complex) for _ in range(2))
+    for i in range(Y):
+        for k in range(Y):
             S = power[:, i, k]
             gamma[:, i, :, k] = (forward * S) @ forward.conj().T + (backward * S.conj()) @ backward.conj().T
             pseudo[:, i, :, k] = (forward * S) @ backward.T + (backward * S.conj()) @ forward.T
-    G, C = gamma.reshape(2 * N, 2 * N), pseudo.reshape(2 * N, 2 * N)
+    G, C = gamma.reshape(N * Y, N * Y), pseudo.reshape(N * Y, N * Y)
     joint = np.block([[(G + C).real, (C - G).imag], [(C - G).imag.T, (G - C).real]]) / 2
     size = np.sqrt(np.maximum(np.diag(joint), np.finfo(float).tiny))
     value, vector = np.linalg.eigh(joint / size / size[:, None])

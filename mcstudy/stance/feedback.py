@@ -465,8 +465,13 @@ class Model:
 
     @property
     def n_angles(self) -> int:
-        """2, or 1 for a one-segment model (no term in the first row), whose second angle is identically zero."""
-        return 2 if any(t.row == self.rows[0] for t in self.terms) else 1
+        """Outputs that there are: Y, or 1 for a model of one joint, whose second angle is identically zero."""
+        return self.n_outputs - (self.padded and not self.outputs)
+
+    @property
+    def padded(self) -> bool:
+        """Whether the first of two rows is there for the form only, because the model has one joint."""
+        return self.n_rows == 2 and not any(t.row == self.rows[0] for t in self.terms)
 
     @cached_property
     def delays(self) -> tuple[str, ...]:
@@ -482,8 +487,9 @@ class Model:
 
     @property
     def senses_motion(self) -> bool:
-        """Whether a term senses the rate or the acceleration of the stimulus."""
-        return any(t.sense == "stimulus" and t.order > 0 for t in self.terms)
+        """Whether a term or an output holds the rate or the acceleration of the stimulus."""
+        sensed: list[Term | OutputTerm] = [*self.terms, *(t for o in self.outputs for t in o.terms)]
+        return any(t.sense == "stimulus" and t.order > 0 for t in sensed)
 
     def with_values(self, values: Mapping[str, float]) -> Model:
         """This model with other nominal values (bounds unchanged); raises `ModelError` on an unknown name."""
@@ -577,7 +583,7 @@ class Table:
         index = {name: i for i, name in enumerate(model.names)}
         filter_index = {f.name: i for i, f in enumerate(model.filters)}
         terms = list(model.terms)
-        if model.n_angles == 1:
+        if model.padded:
             terms.append(Term(model.rows[0], model.angles[1]))
         groups: dict[tuple[tuple[int, ...], tuple[int, ...]], int] = {}
         entry, weight, noisy = [], [], []

@@ -32,14 +32,22 @@ smaller change the bounds, not the data, determine (hold) the parameter."""
 
 
 def expected_line_covariance(
-    model: Model, theta: np.ndarray, noise: Noise, f: np.ndarray, drive: np.ndarray, duration_s: float
+    model: Model,
+    theta: np.ndarray,
+    noise: Noise,
+    f: np.ndarray,
+    drive: np.ndarray,
+    duration_s: float,
+    measured: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Covariance of the FRF errors at single lines, (N, 2, 2), from theory; no leakage.
+    """Covariance of the FRF errors at single lines, (N, Y, Y), from theory; no leakage.
 
-    A Fourier coefficient over ``duration_s`` (all averaged cycles together) of sway with one-sided density S has
-    variance S / (2 duration); ``drive`` (N,) are the stimulus' Fourier coefficients at the same lines.
+    A Fourier coefficient over ``duration_s`` (all averaged cycles together) of a record with one-sided density S has
+    variance S / (2 duration); ``drive`` (N,) are the stimulus' Fourier coefficients at the same lines. ``measured``:
+    density of the noise of the recording itself (`mcstudy.stance.noise.MeasurementNoise.psd`), (Y, Y).
     """
-    return sway_psd(model, theta, noise, f) / (2 * duration_s) / (np.abs(drive) ** 2)[:, None, None]
+    density = sway_psd(model, theta, noise, f, measured)
+    return density / (2 * duration_s) / (np.abs(drive) ** 2)[:, None, None]
 
 
 def line_information(model: Model, theta: np.ndarray, f: np.ndarray, whitener: np.ndarray) -> np.ndarray:
@@ -52,14 +60,14 @@ def line_information(model: Model, theta: np.ndarray, f: np.ndarray, whitener: n
     f
         Frequencies of the lines, Hz, (N,).
     whitener
-        W, (N, 2, 2), with W^H W / 2 the inverse covariance of the FRF errors, e.g. `unit_variance`.
+        W, (N, Y, Y), with W^H W / 2 the inverse covariance of the FRF errors, e.g. `unit_variance`.
     """
     slope = np.einsum("nij,njp->nip", whitener, frf_jacobian(model, theta, f)[1])
     return np.asarray(np.einsum("nip,niq->npq", slope.conj(), slope).real)
 
 
 def unit_variance(covariance: np.ndarray, n_angles: int = 2) -> np.ndarray:
-    """Matrices W (N, 2, 2) that give errors of ``covariance`` (N, 2, 2) real and imaginary parts of unit variance.
+    """Matrices W (N, Y, Y) that give errors of ``covariance`` (N, Y, Y) real and imaginary parts of unit variance.
 
     Angles beyond the first ``n_angles`` get no weight. Raises `numpy.linalg.LinAlgError` for a singular covariance.
     """
@@ -79,7 +87,7 @@ def standard_errors(information: np.ndarray, gradients: np.ndarray, known: int |
 
 
 def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Cramér-Rao bound on the covariance of unbiased estimates, (P, P), for FRF errors ``joint`` (2N, 2N).
+    """Cramér-Rao bound on the covariance of unbiased estimates, (P, P), for FRF errors ``joint`` (N Y, N Y).
 
     NaN in the rows and columns of parameters that their bounds fix (`fixed_by_bounds`); the others are bounded with
     those known.
@@ -97,7 +105,7 @@ def cramer_rao(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray
 
 
 def van_trees(model: Model, theta: np.ndarray, f: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Bound (P, P) on the mean squared errors within the box of allowed values, for FRF errors ``joint`` (2N, 2N).
+    """Bound (P, P) on the mean squared errors within the box of allowed values, for FRF errors ``joint`` (N Y, N Y).
 
     See the module. It exists where the points do not determine the parameters, and never exceeds the Cramér-Rao bound.
     """
@@ -137,7 +145,7 @@ def among_all(matrix: np.ndarray, free: np.ndarray, size: int) -> np.ndarray:
 
 
 def _whitener(joint: np.ndarray) -> np.ndarray:
-    """A matrix (M, 2N) that turns errors of covariance ``joint`` into M <= 2N independent ones of unit variance.
+    """A matrix (M, N Y) that turns errors of covariance ``joint`` into M <= N Y independent ones of unit variance.
 
     Points that average the same lines can repeat each other exactly (without the averaging exception, 19 less 18 and
     23 less 24 are the same line); what is repeated carries no information of its own and is left out.

@@ -7,59 +7,74 @@ left zero (the noise has none and the stimuli are zero-mean).
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 from scipy import fft
 
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.noise import Noise, record, record_frequencies, white_coefficients
+from mcstudy.stance.noise import MeasurementNoise, Noise, record, record_frequencies, white_coefficients
 from mcstudy.stance.response import frf, noise_response
 
 
 class NoiseSway:
-    """Random sway evoked by sensor noise alone, with the response evaluated once.
+    """Random records of the outputs without a stimulus, with the response evaluated once.
 
     Parameters
     ----------
     model, theta: the closed loop and its parameters, (P,).
-    noise: sensor noise.
+    noise: sensor noise, on each of the model's S angles.
     n_samples, rate_hz: length and sampling rate of the records.
+    measured: noise of the recording itself, drawn after the sensor noise.
     """
 
-    def __init__(self, model: Model, theta: np.ndarray, noise: Noise, n_samples: int, rate_hz: float) -> None:
-        self.n_samples, self.rate_hz = n_samples, rate_hz
+    def __init__(
+        self,
+        model: Model,
+        theta: np.ndarray,
+        noise: Noise,
+        n_samples: int,
+        rate_hz: float,
+        measured: MeasurementNoise | None = None,
+    ) -> None:
+        self.n_samples, self.rate_hz, self.measured = n_samples, rate_hz, measured
         f = record_frequencies(n_samples, rate_hz)
-        shaping = np.zeros((f.size, 2, 2), dtype=complex)
+        shaping = np.zeros((f.size, model.n_outputs, noise.sources), dtype=complex)
         shaping[1:] = noise_response(model, theta, f[1:])
         if n_samples % 2 == 0:
             shaping[-1].imag = 0.0
         shaping *= noise.coefficient_scale(n_samples, rate_hz)[:, None, :]
-        self._columns = shaping[..., 0].copy(), shaping[..., 1].copy()
+        self._columns = [column.copy() for column in np.moveaxis(shaping, -1, 0)]
 
     def coefficients(self, rng: np.random.Generator) -> np.ndarray:
-        """Fourier coefficients of a random record of sway, rad, (n_samples // 2 + 1, 2) complex."""
-        white = white_coefficients(rng, self.n_samples)
-        first, second = self._columns
-        return first * white[:, :1] + second * white[:, 1:]
+        """Fourier coefficients of a random record, in the outputs' units, (n_samples // 2 + 1, Y) complex."""
+        white = white_coefficients(rng, self.n_samples, len(self._columns))
+        total = reduce(np.add, [column * white[:, s : s + 1] for s, column in enumerate(self._columns)])
+        return total if self.measured is None else total + self.measured.coefficients(rng, self.n_samples)
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
-        """A random record of sway, rad, (n_samples, 2)."""
+        """A random record, in the outputs' units, (n_samples, Y)."""
         return record(self.coefficients(rng), self.n_samples)
 
 
-def sway_psd(model: Model, theta: np.ndarray, noise: Noise, f: np.ndarray) -> np.ndarray:
-    """One-sided cross-spectral density of noise-evoked sway at ``f`` > 0 (Hz, (N,)), rad^2/Hz, (N, 2, 2) Hermitian.
+def sway_psd(
+    model: Model, theta: np.ndarray, noise: Noise, f: np.ndarray, measured: np.ndarray | None = None
+) -> np.ndarray:
+    """One-sided cross-spectral density of what noise evokes at ``f`` > 0 (Hz, (N,)), (N, Y, Y) Hermitian.
 
-    Entry (i, j) is the density of angle i times the conjugate of angle j (derived).
+    In the squares of the outputs' units (rad) per Hz. Entry (i, j) is the density of output i times the conjugate of
+    output j (derived). ``measured``: density of the noise of the recording itself, (Y, Y), which is added.
     """
     response = noise_response(model, theta, f)
-    return np.einsum("nis,ns,njs->nij", response, noise.psd(f), response.conj())
+    density = np.einsum("nis,ns,njs->nij", response, noise.psd(f), response.conj())
+    return density if measured is None else density + measured
 
 
 def stimulus_sway(model: Model, theta: np.ndarray, waveform: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Steady-state sway over one period of a zero-mean stimulus (n,), rad, (n, 2)."""
+    """Steady state of the outputs over one period of a zero-mean stimulus (n,), in their units, (n, Y)."""
     waveform = np.asarray(waveform, dtype=float)
     coefficients = fft.rfft(waveform, norm="forward")
-    sway = np.zeros((coefficients.size, 2), dtype=complex)
+    sway = np.zeros((coefficients.size, model.n_outputs), dtype=complex)
     f = record_frequencies(waveform.size, rate_hz)[1:]
     sway[1:] = frf(model, theta, f) * coefficients[1:, None]
     return record(sway, waveform.size)

@@ -18,8 +18,9 @@ from mcstudy.files.sections import Name, Positive, Section
 from mcstudy.stance.ranges import AMPLITUDE, RATE
 from mcstudy.stimulus_design.difference import check_effects
 from mcstudy.study.catalogue import read_file
-from mcstudy.study.checks import check_group
+from mcstudy.study.checks import check_group, noisy_outputs
 from mcstudy.study.group import FREQUENCY, HIGHEST_HZ, Group, ModelSection, NoiseSection, StimulusSection
+from mcstudy.study.models import build_model
 from mcstudy.study.study_file import check_tables
 
 KIND = "design"
@@ -167,8 +168,8 @@ def _check(file: DesignFile) -> None:
         raise DesignError(
             "stimulus.discard: expected at least 1 (the ramp of a record needs the preceding sample), got 0"
         )
-    if not file.noise.on_all():
-        raise DesignError("noise.psd: expected noise on both angles; without noise every stimulus is as good")
+    if not noisy_outputs(file.group(), build_model(file.group())):
+        raise DesignError("noise.psd: expected noise on all outputs; without noise every stimulus is as good")
     if file.cycles <= s.discard:
         raise DesignError(
             f"limits.duration_s: expected room for {s.discard + 1} cycles ({s.discard} of them discarded) of "

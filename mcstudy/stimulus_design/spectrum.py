@@ -178,9 +178,12 @@ def _objective(
 
 
 def whitener(file: DesignFile, model: Model, f: np.ndarray) -> np.ndarray:
-    """Of the errors (K, 2, 2) of lines with a unit Fourier coefficient, in all cycles that are not discarded."""
+    """Of the errors (K, Y, Y) of lines with a unit Fourier coefficient, in all cycles that are not discarded."""
     duration = (file.cycles - file.stimulus.discard) * (3**file.stimulus.stages - 1) * file.stimulus.state_s
-    C = expected_line_covariance(model, model.truth, file.noise.source, f, np.ones(f.size), duration)
+    measured = file.noise.measurement.of(model.output_units)
+    recorded = None if measured is None else measured.psd(file.stimulus.rate_hz)
+    noise = file.noise.of(model.angles)
+    C = expected_line_covariance(model, model.truth, noise, f, np.ones(f.size), duration, recorded)
     return unit_variance(C, model.n_angles)
 
 
@@ -222,7 +225,7 @@ def noise_sway(file: DesignFile, model: Model, top_hz: float = 20.0) -> np.ndarr
     """RMS of the sway that sensor noise alone evokes within one cycle's lines up to ``top_hz``, rad, (A,)."""
     period = file.period_s
     f = np.arange(1, int(top_hz * period) + 1) / period
-    noise = file.noise.source
+    noise = file.noise.of(model.angles)
     density = np.einsum("nii->ni", sway_psd(model, model.truth, noise, f)).real[:, : model.n_angles]
     return np.asarray(np.sqrt(density.sum(axis=0) / period))
 

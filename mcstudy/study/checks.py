@@ -13,6 +13,7 @@ from mcstudy.stance.body import WEIGHTS
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES, Range
 from mcstudy.stance.response import frf_jacobian
+from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.study.cube.layout import realizations_a_chunk
 from mcstudy.study.group import GAIN_BOUND, HIGHEST_HZ, UNTIL_CERTAIN, Group
 from mcstudy.study.measure import frequency_points, kept_points, stimulus
@@ -29,6 +30,9 @@ DECLARED_GAIN = Range(1e-30, 1e30, or_zero=True, signed=True)
 
 SMALLEST_RESPONSE = 1e-15
 """Smallest response of an angle, rad per unit of stimulus, and inverse of the largest; humans have about 1e-3."""
+
+SMALLEST_SHARE = 1e-12
+"""Of the noise that outputs do not have in common, relative to all of it."""
 
 MAX_CHUNKS = 1_000_000
 """Largest number of chunks of a group; with the largest default chunks this is 5e9 fits."""
@@ -117,7 +121,7 @@ def _check_stimulus(group: Group) -> None:
             f"stimulus.cycles: expected a record of at most {MAX_SAMPLES} samples, "
             f"got {s.cycles} cycles of {prts.samples}"
         )
-    if highest * prts.period_s / 2 > MAX_FREQUENCIES:
+    if not s.lines.harmonic and highest * prts.period_s / 2 > MAX_FREQUENCIES:
         raise DesignError(
             f"stimulus.state_s: expected at most {MAX_FREQUENCIES} odd lines up to {highest:g} Hz, "
             f"got a cycle of {prts.period_s:g} s"
@@ -139,14 +143,32 @@ def _check_stimulus(group: Group) -> None:
 
 
 def _check_noise(group: Group, model: Model) -> None:
-    if len(group.noise.psd) < model.n_angles:
-        raise DesignError(
-            f"noise.psd: expected {model.n_angles} numbers, one for each angle, got {len(group.noise.psd)}"
-        )
     try:
-        group.noise.source.psd(np.ones(1))
+        group.noise_source.psd(np.ones(1))
     except InputError as error:
         raise DesignError(str(error).replace("noise ", "noise.", 1)) from None
+    try:
+        measured = group.measurement_noise
+    except InputError as error:
+        raise DesignError(f"noise.measurement.{error}") from None
+    if group.spectra.covariance == "through_loop" and (measured is not None or model.outputs):
+        raise DesignError(
+            "spectra.covariance: expected 'even_lines' for declared outputs and measurement noise, which is not of the "
+            "loop, got 'through_loop'"
+        )
+
+
+def noisy_outputs(group: Group, model: Model) -> bool:
+    """Whether the errors of a group's responses have a covariance that can be inverted."""
+    if group.simulator == "none":
+        return False
+    measured, n = group.measurement_noise, model.n_angles
+    recorded = None if measured is None else measured.psd(group.stimulus.rate_hz)
+    density = sway_psd(model, model.truth, group.noise_source, kept_points(group).f, recorded)[:, :n, :n]
+    size = np.sqrt(np.einsum("nii->ni", density).real)
+    if not (size > 0).all():
+        return False
+    return bool(np.linalg.eigvalsh(density / size[:, :, None] / size[:, None, :])[:, 0].min() > SMALLEST_SHARE)
 
 
 def _check_fit(group: Group, model: Model) -> None:
@@ -160,12 +182,14 @@ def _check_fit(group: Group, model: Model) -> None:
             "spectra.covariance: expected 'even_lines' unless fit.cost = 'ml' and simulator = 'spectral', "
             "got 'through_loop'"
         )
-    if group.fit.cost == "ml" and (group.simulator == "none" or not group.noise.on_all(model.n_angles)):
+    weighted = group.fit.cost == "ml" or group.store.standard_errors
+    without = weighted and not noisy_outputs(group, model)
+    if group.fit.cost == "ml" and without:
         raise DesignError(
             "fit.cost: expected 'paper' for a group without noise (no noise covariance to weight with), got 'ml'"
         )
-    if group.store.standard_errors and (group.simulator == "none" or not group.noise.on_all(model.n_angles)):
-        raise DesignError("store.standard_errors: expected false for a group without noise on both angles, got true")
+    if group.store.standard_errors and without:
+        raise DesignError("store.standard_errors: expected false for a group without noise on all outputs, got true")
 
 
 def _check_frequencies(group: Group, model: Model) -> None:
@@ -202,18 +226,18 @@ def check_determined(frequencies: int, model: Model, fmax: float, field: str) ->
         )
 
 
-def _realization_bytes(group: Group, parameters: int, frequencies: int) -> int:
+def _realization_bytes(group: Group, parameters: int, frequencies: int, outputs: int) -> int:
     """Bytes of the results of one realization at one amplitude, uncompressed (`mcstudy.study.cube.layout`)."""
     a_fit = 2 * 8 * parameters + parameters + 8 + 8 + 4 + 1
     errors = 8 * parameters if group.store.standard_errors else 0
-    return (a_fit * group.starts + errors) * len(group.fmax) + (16 * 2 + 16 * 4) * frequencies
+    return (a_fit * group.starts + errors) * len(group.fmax) + 16 * (outputs + outputs**2) * frequencies
 
 
 def _check_size(group: Group, model: Model) -> None:
     """Limits of the memory that a run needs at once, and of the number of files."""
     cell = len(group.fmax) * group.starts
     depth = realizations_a_chunk(group)
-    size = depth * _realization_bytes(group, len(model.parameters), len(kept_points(group).f))
+    size = depth * _realization_bytes(group, len(model.parameters), len(kept_points(group).f), model.n_outputs)
     if size > LARGEST_CHUNK:
         raise DesignError(
             f"starts: expected a chunk of at most {LARGEST_CHUNK} bytes, got {size} "

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     Field,
@@ -23,17 +24,19 @@ from pydantic import (
 )
 from pydantic_core import core_schema
 
+from mcstudy.errors import InputError
 from mcstudy.files.sections import Name, Section
 from mcstudy.fitting.solvers import Options, solvers
 from mcstudy.models.catalogue import DECLARED
 from mcstudy.models.record import ModelTable
 from mcstudy.stance.body import KINDS
+from mcstudy.stance.feedback import ANGLES, MOST_ROWS
 from mcstudy.stance.ranges import AMPLITUDE, GAIN, RATE, Range
 from mcstudy.stance.truths import TRUTHS
 from mcstudy.text_tables import starts_in_words
 
 if TYPE_CHECKING:
-    from mcstudy.stance.noise import Noise
+    from mcstudy.stance.noise import MeasurementNoise, Noise
 
 S = TypeVar("S", bound=Section)
 
@@ -46,7 +49,7 @@ MULTIPLE = Range(1e-6, 1e6, or_zero=True, signed=True)
 BODY = Range(1e-9, 1e6, or_zero=True, signed=True)
 """Range of body constants, kg m^2, kg m and m/s^2; human values reach about 1e2."""
 
-FREQUENCY = Range(1e-4, 1e4, "Hz")
+FREQUENCY = Range(1e-4, 1e6, "Hz")
 
 HIGHEST_HZ = 8.0
 """Highest frequency point for every Fmax, so that points and data do not depend on the fits."""
@@ -54,6 +57,8 @@ HIGHEST_HZ = 8.0
 NOISE_CORNER = Range(1e-6, 1e6, "Hz")
 NOISE_PSD = Range(1e-18, 1e6, "deg^2/Hz", or_zero=True)
 NOISE_DENSITY = Range(1e-18, 1e6, "deg^2/Hz")
+MEASURED = Range(1e-12, 1e12, or_zero=True)
+MEASURED_COVARIANCE = Range(1e-24, 1e24, or_zero=True, signed=True)
 DELAY_MARGIN = Range(1e-9, 10.0, "s")
 STATE = Range(1e-6, 1e3, "s")
 LINE_WEIGHT = Range(1e-12, 1e12)
@@ -187,23 +192,110 @@ class StimulusSection(Section):
         return plain
 
 
+def _listed(given: Any) -> Any:
+    """A single number as a list of one."""
+    number = isinstance(given, int | float) and not isinstance(given, bool)
+    return (given,) if number else tuple(given) if isinstance(given, list) else given
+
+
 class NoiseTableSection(Section):
-    """Measured noise that replaces the form of `NoiseSection`; see `mcstudy.stance.noise.TabulatedNoise`."""
+    """Measured noise that replaces the form of `NoiseSection`; see `mcstudy.stance.noise.TabulatedNoise`.
+
+    ``theta1``, ``theta2``: densities on the first and the second angle; or ``psd``: by the name of the angle, none on
+    angles that it does not name.
+    """
 
     f_hz: tuple[Annotated[float, FREQUENCY], ...] = Field(default=(), max_length=10_000)
     theta1: tuple[Annotated[float, NOISE_DENSITY], ...] = Field(default=(), max_length=10_000)
     theta2: tuple[Annotated[float, NOISE_DENSITY], ...] = Field(default=(), max_length=10_000)
+    psd: dict[str, Annotated[tuple[Annotated[float, NOISE_DENSITY], ...], Field(max_length=10_000)]] = Field(default={})
+
+    @model_serializer(mode="wrap")
+    def _without_names(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A table of two angles has the fingerprint that it had before there were others."""
+        whole: dict[str, Any] = dump(self)
+        for name in ("theta1", "theta2") if self.psd else ("psd",):
+            whole.pop(name)
+        return whole
+
+    @model_validator(mode="after")
+    def _one_form(self) -> NoiseTableSection:
+        if self.psd and self.model_fields_set & {"theta1", "theta2"}:
+            raise ValueError("expected either psd, or theta1 and theta2")
+        return self
+
+    def of(self, angles: tuple[str, ...], scale: float) -> Noise:
+        """The noise on ``angles``; ``scale``: from the densities to deg^2/Hz."""
+        from mcstudy.stance.noise import TabulatedNoise
+
+        if unknown := [name for name in self.psd if name not in angles]:
+            raise InputError(f"noise table.psd.{unknown[0]}: expected one of {', '.join(angles)}")
+        names = tuple(f"psd.{angle}" if self.psd else f"theta{k}" for k, angle in enumerate(angles, 1))
+        given = [self.psd.get(angle, (0.0,) * len(self.f_hz)) for angle in angles]
+        densities = given if self.psd else [self.theta1, self.theta2][: len(angles)]
+        if len(densities) < len(angles):
+            raise InputError(f"noise table: expected psd, with a density for each of {', '.join(angles)}")
+        return TabulatedNoise(self.f_hz, tuple(tuple(x * scale for x in d) for d in densities), names)
+
+
+class MeasurementSection(Section):
+    """White noise of the recorded outputs, outside the loop, up to half the sampling rate.
+
+    ``sd``: of one sample of each output, or one for all, in its unit (deg where that is rad), with the matrix of their
+    ``correlation``; or the matrix of their ``covariance``.
+    """
+
+    sd: tuple[Annotated[float, MEASURED], ...] = Field(default=(), max_length=1000)
+    correlation: tuple[tuple[Annotated[float, Field(ge=-1, le=1)], ...], ...] = Field(default=(), max_length=1000)
+    covariance: tuple[tuple[Annotated[float, MEASURED_COVARIANCE], ...], ...] = Field(default=(), max_length=1000)
+
+    _lists = field_validator("sd", mode="before")(_listed)
+
+    @model_validator(mode="after")
+    def _one_form(self) -> MeasurementSection:
+        if self.covariance and (self.sd or self.correlation):
+            raise ValueError("expected either covariance, or sd and correlation")
+        if self.correlation and not self.sd:
+            raise ValueError("expected sd beside correlation")
+        return self
+
+    def of(self, units: tuple[str, ...]) -> MeasurementNoise | None:
+        """The noise of outputs in these units, None for none. Raises `InputError`, which begins with the field."""
+        from mcstudy.stance.noise import MeasurementNoise  # who reads a study draws nothing
+
+        if not (any(self.sd) or self.covariance):
+            return None
+        Y, scale = len(units), np.array([np.pi / 180.0 if unit == "rad" else 1.0 for unit in units])
+        if not self.covariance and len(self.sd) not in (1, Y):
+            raise InputError(f"sd: expected {Y} numbers, one for each output, or one for all, got {len(self.sd)}")
+        for name in ("correlation", "covariance"):
+            given = getattr(self, name)
+            if given and {len(given), *map(len, given)} != {Y}:
+                raise InputError(f"{name}: expected {Y} rows of {Y} numbers, one for each output")
+        sd = np.array(self.sd if len(self.sd) == Y else self.sd * Y)
+        C = np.array(self.covariance or np.outer(sd, sd) * np.array(self.correlation or np.eye(Y)))
+        if self.correlation and (np.diag(self.correlation) != 1).any():
+            raise InputError("correlation: expected 1 on the diagonal")
+        try:
+            return MeasurementNoise(tuple(map(tuple, (C * np.outer(scale, scale)).tolist())))
+        except InputError as error:
+            given_as = "covariance" if self.covariance else "correlation"
+            raise InputError(f"{given_as}: {str(error).partition('covariance: ')[2]}") from None
 
 
 class NoiseSection(Section):
-    """Sensor noise of the angles: one-sided PSD at 0.5 Hz in deg^2/Hz, low-pass corner in Hz; or a ``table``.
+    """Sensor noise of the angles: one-sided PSD of each, or one for all, at 0.5 Hz in deg^2/Hz, low-pass corner in Hz;
+    or a ``table``. ``measurement``: noise of what is recorded.
 
     Of a declared model whose unit is not rad the PSD is in the square of that unit per Hz.
     """
 
-    psd: Annotated[tuple[Annotated[float, NOISE_PSD], ...], Field(min_length=1, max_length=2)] = (4e-4, 7e-5)
+    psd: Annotated[tuple[Annotated[float, NOISE_PSD], ...], Field(min_length=1, max_length=MOST_ROWS)] = (4e-4, 7e-5)
     corner_hz: Annotated[float, NOISE_CORNER] = 0.15
     table: NoiseTableSection = NoiseTableSection()
+    measurement: MeasurementSection = MeasurementSection()
+
+    _lists = field_validator("psd", mode="before")(_listed)
 
     @model_validator(mode="after")
     def _one_form(self) -> NoiseSection:
@@ -217,6 +309,8 @@ class NoiseSection(Section):
         plain: dict[str, Any] = dump(self)
         for name in ("psd", "corner_hz") if self.tabulated else ("table",):
             plain.pop(name, None)
+        if self.measurement == MeasurementSection():
+            plain.pop("measurement", None)
         return plain
 
     @property
@@ -226,30 +320,23 @@ class NoiseSection(Section):
 
     @property
     def none(self) -> bool:
-        """Whether neither angle has noise."""
-        return not self.tabulated and not any(self.psd)
+        """Whether nothing has noise."""
+        measured = self.measurement.covariance or any(self.measurement.sd)
+        return not self.tabulated and not any(self.psd) and not measured
 
-    def on_all(self, angles: int = 2) -> bool:
-        """Whether each of so many angles has noise."""
-        return self.tabulated or min(self.psd[:angles]) > 0
+    def of(self, angles: tuple[str, ...], unit: str = "rad") -> Noise:
+        """The sensor noise of angles in this unit. Raises `InputError` for a table that is not one, or other angles."""
+        from mcstudy.stance.noise import DEG2_TO_RAD2, SensorNoise  # who reads a study draws nothing
 
-    @property
-    def source(self) -> Noise:
-        """The noise that simulators draw from. Raises `InputError` for a table that is not one."""
-        return self.of_unit("rad")
-
-    def of_unit(self, unit: str) -> Noise:
-        """The same for angles in this unit."""
-        from mcstudy.stance.noise import DEG2_TO_RAD2, SensorNoise, TabulatedNoise  # who reads a study draws nothing
-
-        table, (first, second) = self.table, (*self.psd, 0.0)[:2]
-        if unit != "rad":  # what a noise takes for deg^2/Hz
-            first, second = first / DEG2_TO_RAD2, second / DEG2_TO_RAD2
-            one, two = (tuple(x / DEG2_TO_RAD2 for x in values) for values in (table.theta1, table.theta2))
-            table = table.model_copy(update={"theta1": one, "theta2": two})
+        scale = 1.0 if unit == "rad" else 1.0 / DEG2_TO_RAD2  # a noise takes deg^2/Hz
         if self.tabulated:
-            return TabulatedNoise(table.f_hz, table.theta1, table.theta2)
-        return SensorNoise((first, second), self.corner_hz)
+            return self.table.of(angles, scale)
+        psd = self.psd * len(angles) if len(self.psd) == 1 else self.psd
+        if len(psd) < len(angles):
+            raise InputError(
+                f"noise psd: expected {len(angles)} numbers, one for each angle, or one for all, got {len(psd)}"
+            )
+        return SensorNoise(tuple(x * scale for x in psd[: len(angles)]), self.corner_hz)
 
 
 class SpectraSection(Section):
@@ -394,7 +481,16 @@ class Group(Section):
     @property
     def noise_source(self) -> Noise:
         """The sensor noise in the unit of the model's angles."""
-        return self.noise.of_unit(self.model.unit)
+        angles = self.model.angles or self.model.joints or ANGLES
+        return self.noise.of(angles if len(angles) > 1 else (*angles, "none"), self.model.unit)
+
+    @property
+    def measurement_noise(self) -> MeasurementNoise | None:
+        """The noise of what is recorded, in the units of the outputs; None for none."""
+        section = self.model
+        angles = section.joints or ANGLES
+        units = tuple(section.unit if o.unit is None else o.unit for o in section.output)
+        return self.noise.measurement.of(units or (section.unit,) * max(2, len(angles)))
 
     @property
     def until_certain(self) -> bool:

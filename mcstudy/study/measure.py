@@ -36,7 +36,7 @@ def spectrum(group: Group) -> Callable[[np.ndarray, int, int], np.ndarray]:
 
 @dataclass(frozen=True)
 class Measurement:
-    """Data of one cell: FRFs (N, 2) in rad per unit of stimulus, and their covariance (N, 2, 2) or None."""
+    """Data of one cell: FRFs (N, Y), outputs' units per unit of stimulus, and their covariance (N, Y, Y) or None."""
 
     frf: np.ndarray
     covariance: np.ndarray | None
@@ -91,7 +91,10 @@ def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
 
         noise = group.noise_source
         unit = stimulus(group, 1.0)
-        return SpectralExperiment(model, model.truth, unit, noise, bands, s.cycles, s.discard, spectrum(group))
+        recorded = group.measurement_noise
+        return SpectralExperiment(
+            model, model.truth, unit, noise, bands, s.cycles, s.discard, spectrum(group), recorded
+        )
 
     @lru_cache(maxsize=KEPT_REALIZATIONS)
     def drawn(realization: int) -> SpectrumNoise:
@@ -124,9 +127,12 @@ def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measurin
         cycle = stimulus(group, amplitude).waveform()
         drive = np.tile(cycle, s.cycles)
         samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if model.senses_motion else drive
-        sensed = noise.sample(noise_stream(seed, realization), drive.size, s.rate_hz)
-        sway = simulate(model, model.truth, samples, s.rate_hz, noise=sensed)
-        data = frf_from_recording(sway.theta, drive, s.rate_hz, bands, s.discard, spectrum(group))
+        stream, measured = noise_stream(seed, realization), group.measurement_noise
+        sensed = noise.sample(stream, drive.size, s.rate_hz)
+        recorded = simulate(model, model.truth, samples, s.rate_hz, noise=sensed).theta
+        if measured is not None:
+            recorded = recorded + measured.sample(stream, drive.size)
+        data = frf_from_recording(recorded, drive, s.rate_hz, bands, s.discard, spectrum(group))
         return Measurement(data.frf, data.covariance)
 
     return measure

@@ -15,15 +15,16 @@ class Sizes:
     """Sizes of the benchmarks.
 
     ``realizations`` x 2 Fmax cells with ``starts`` each for the solvers; peers that take a second a start get
-    ``slow_starts``. ``fits``: sizes of studies, ``repeats``: whole processes, ``tasks``: empty tasks, ``files``.
-    ``report_fits``: sizes of cubes whose page is written. ``seconds``: no repeat of a latency begins later.
-    ``wheel``: one that was built before.
+    ``slow_starts``, and basin hopping ``hops`` runs a realization. ``fits``: sizes of studies, ``repeats``: whole
+    processes, ``tasks``: empty tasks, ``files``. ``report_fits``: sizes of cubes whose page is written.
+    ``seconds``: no repeat of a latency begins later. ``wheel``: one that was built before.
     ``scale``: sizes of studies of fits that return at once, ``folder``: where their cubes are kept (None: nowhere).
     """
 
     realizations: int = 3
     starts: int = 50
     slow_starts: int = 10
+    hops: int = 3
     repeats: int = 3
     fits: tuple[int, ...] = (1_000, 10_000, 100_000, 1_000_000)
     pools: int = 100
@@ -42,7 +43,7 @@ class Sizes:
         return self.slow_starts if "trust_constr" in peer else self.starts
 
 
-QUICK = Sizes(1, 10, 2, 1, (1_000, 10_000), 3, 300, 50, 6, "quick", (300,), scale=(1_000, 10_000))
+QUICK = Sizes(1, 10, 2, 1, 1, (1_000, 10_000), 3, 300, 50, 6, "quick", (300,), scale=(1_000, 10_000))
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pipelines.benchmarks import (
+    basin_hopping,
     diagnosis,
     framework,
     kernel_sizes,
@@ -24,6 +25,7 @@ from pipelines.benchmarks.report import Result, Sizes
 
 BENCHMARKS: dict[str, Callable[[Sizes], Result]] = {
     "speedup": speedup.run,
+    "basin_hopping": basin_hopping.run,
     "kernel": kernel_time.run,
     "kernel_sizes": kernel_sizes.run,
     "starts": starts_needed.run,

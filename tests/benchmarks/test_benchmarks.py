@@ -11,9 +11,11 @@ import pytest
 
 from mcstudy.fitting.lm import normal_equations
 from mcstudy.fitting.status import Status
+from mcstudy.stance.response import frf
 from mcstudy.study.cube.store import Cube
 from mcstudy.study.verify import verify
 from pipelines.benchmarks import (
+    basin_hopping,
     counting,
     instant,
     kernel_time,
@@ -91,6 +93,16 @@ def test_the_papers_solver_is_compared_on_the_same_cost_and_settings() -> None:
     assert set(paper_solver.VARIANTS) == {"own_identity", "own_scaled", "bounds_identity", "bounds_scaled"}
 
 
+def test_basin_hopping_fits_the_loop_with_pade_delay_to_the_same_minimum() -> None:
+    model, f = basin_hopping.model(), np.array([0.05, 0.45, 2.45])
+    padded = basin_hopping.response(basin_hopping.TRUTH, basin_hopping.INERTIA, basin_hopping.LOAD, f)
+    np.testing.assert_allclose(frf(model, model.truth, f)[:, 0], padded, rtol=2e-6)  # order 5 is that good to 2.45 Hz
+    data = frf(model, model.truth, basin_hopping.frequencies())[:, 0]
+    start = (model.truth * 1.02 - model.lower) / (model.upper - model.lower)
+    found = basin_hopping.hopped(basin_hopping.relative_squares, data, start, 0, hops=0)
+    np.testing.assert_allclose(found, model.truth, rtol=1e-2)
+
+
 def test_profiles_are_compared_with_the_intervals_of_the_fit_at_the_same_threshold() -> None:
     fit = profiles.fitted(0)
     names = [e.name for e in profiles.ended(fit)]
@@ -131,7 +143,7 @@ def test_a_cube_of_invented_numbers_is_sound_and_complete(tmp_path: Path) -> Non
 
 def test_every_part_of_the_suite_has_a_name() -> None:
     names = {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth", "diagnosis"}
-    names |= {"latency", "show", "paper_solver", "wheel", "scale", "profiles"}
+    names |= {"latency", "show", "paper_solver", "wheel", "scale", "profiles", "kernel_sizes", "basin_hopping"}
     assert names == set(BENCHMARKS)
 
 

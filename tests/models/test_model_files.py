@@ -236,20 +236,12 @@ def test_a_mistake_is_one_line_that_names_the_field(path: str, value: object, li
     ("path", "value", "line"),
     [
         ("parameter.0.value", 300, "parameter: expected a stable closed loop at the true values, got growth rate +"),
-        (
-            "term.0",
-            {"order": 1, "coefficient": 10},
-            "parameter: expected a stable closed loop at the true values, got growth rate +",
-        ),
-        (
-            "term.0",
-            {"order": 2, "coefficient": 10, "delay": "Td"},
-            "term: model pendulum: ankle row: a term grows faster than s^",
-        ),
+        ("term.0", {"order": 1, "coefficient": 10}, "parameter: expected a stable closed loop at the true values"),
+        ("term.0", {"order": 2, "coefficient": 10, "delay": "Td"}, "term: expected a proper closed loop, got a"),
         ("term.+", {"order": 2, "coefficient": 100, "delay": "Td"}, "parameter: expected a stable closed loop"),
     ],
 )
-def test_a_loop_that_falls_or_has_no_inertia_is_refused(path: str, value: object, line: str) -> None:
+def test_a_loop_that_falls_or_is_improper_is_refused(path: str, value: object, line: str) -> None:
     with pytest.raises(DesignError) as refused:
         check_stability(checked_table(changed(path, value)))
     assert str(refused.value).startswith(line)
@@ -292,14 +284,12 @@ def test_models_are_found_by_name_or_file_and_never_by_chance(tmp_path: Path) ->
     for name, line in (
         ("mine.toml", "mine.toml: expected a readable model file"),
         (str(tmp_path / "empty.toml"), f"{tmp_path}/empty.toml: model: missing, expected a table [model]"),
-        (
-            "elbo",
-            "expected a model file (.toml) or one of two_segment, one_segment, elbow, got 'elbo' (similar: elbow)",
-        ),
+        ("elbo", "expected a model file (.toml) or one of two_segment, one_segment, "),
     ):
         with pytest.raises(DesignError) as refused:
             read_model(name)
         assert str(refused.value).startswith(line)
+    assert str(refused.value).endswith(", got 'elbo' (similar: elbow)")
 
 
 def test_a_set_of_several_stimuli_is_no_table() -> None:

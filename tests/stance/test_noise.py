@@ -82,7 +82,7 @@ def test_a_seed_fixes_the_record():
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("psd_deg2_hz", (1.0,)), ("psd_deg2_hz", (-1.0, 1.0)), ("corner_hz", 0.0), ("reference_hz", -1)],
+    [("psd_deg2_hz", ()), ("psd_deg2_hz", (-1.0, 1.0)), ("corner_hz", 0.0), ("reference_hz", -1)],
 )
 def test_an_unusable_field_is_named(field, value):
     with pytest.raises(InputError, match=field):

@@ -26,7 +26,7 @@ def study(**noise: Any) -> Study:
 
 
 def test_the_densities_are_those_of_the_table_and_stay_beyond_it() -> None:
-    noise = TabulatedNoise((0.1, 1.0, 10.0), (4.0, 1.0, 1.0), (1.0, 100.0, 1.0))
+    noise = TabulatedNoise((0.1, 1.0, 10.0), ((4.0, 1.0, 1.0), (1.0, 100.0, 1.0)), ("first", "second"))
     found = noise.psd(np.array([0.0, 0.01, 0.1, np.sqrt(0.1), 1.0, 99.0])) / DEG2_TO_RAD2
     np.testing.assert_allclose(found, [[0, 0], [4, 1], [4, 1], [2, 10], [1, 100], [1, 1]], rtol=1e-12)
 
@@ -34,7 +34,7 @@ def test_the_densities_are_those_of_the_table_and_stay_beyond_it() -> None:
 def test_a_dense_table_of_the_usual_noise_gives_the_usual_study() -> None:
     """The data of a realization, against those with the formula."""
     first, second = (
-        next(iter(s.groups.values())).noise.source.sample(np.random.default_rng(1), 8744, 200.0)
+        next(iter(s.groups.values())).noise_source.sample(np.random.default_rng(1), 8744, 200.0)
         for s in (study(), study(table=table()))
     )
     np.testing.assert_allclose(second, first, atol=2e-3 * first.std())

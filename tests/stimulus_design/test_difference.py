@@ -82,7 +82,7 @@ def test_simulated_recordings_of_the_designed_stimulus_show_the_effect_as_predic
     fitters = [Fitter(m, weak_prior(m, d.base), f) for m in (d.base, with_effect)]
     falls = []
     for seed in range(RECORDINGS):
-        noise = file.noise.source.sample(np.random.default_rng(seed), len(record), rate)
+        noise = file.noise.of(("theta1", "theta2")).sample(np.random.default_rng(seed), len(record), rate)
         sway = simulate(with_effect, theta, record, rate, noise=noise).theta
         y = ramp_removed(sway, len(cycle), file.stimulus.discard)[lines] / drive[:, None]
         without, best = (

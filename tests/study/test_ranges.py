@@ -129,7 +129,7 @@ def name(case: tuple[Place, tuple[float, ...]]) -> str:
 
 
 def test_every_number_declares_what_it_may_be() -> None:
-    assert len(FIELDS) == 61
+    assert len(FIELDS) == 65
     open_ended = [place for place, kind in FIELDS if len(kind) < 2]
     # their ends are not among what they may be: seed < 2**63, 0 < width, 0 < tolerance, step_tolerance < 1
     assert {place[-1] for place in open_ended} == {"seed", "width", "tolerance", "step_tolerance"}

@@ -25,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> Exit:
     """Print; returns the exit code."""
+    from math import isfinite
+
     from mcstudy.cli.figure_file import check_name
     from mcstudy.errors import DesignError
     from mcstudy.files.json_files import write_text
@@ -61,7 +63,7 @@ def main(args: argparse.Namespace) -> Exit:
     at = f"at {len(FREQUENCIES)} frequencies"
     print(f"{model.name}: {size}")
     print(f"responses: those of an independent evaluation {at} within {apart:.1g}, derivatives within {slopes:.1g}")
-    print(f"stable: growth rate {growth:.3g} 1/s")
+    print(f"stable: growth rate {growth:.3g} 1/s" if isfinite(growth) else "stable: no dynamics but delays")
     print("every parameter moves the response")
     print(sketch(model.model()))
     return Exit.DONE

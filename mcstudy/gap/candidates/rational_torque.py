@@ -107,7 +107,7 @@ class Path:
 
 def paths(model: Model) -> tuple[Path, ...]:
     """Every row with either angle and, in a model with one stimulus, with the stimulus."""
-    n = model.n_angles
+    n = model.n_rows - model.padded
     senses = (*model.angles[:n], *(() if model.blocks else ("stimulus",)))
     return tuple(Path(r, x, _linear(model, r, x)) for r, x in product(model.rows[2 - n :], senses))
 

@@ -32,7 +32,7 @@ BAND = (0.1, 0.9)
 def frf_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
     """Stimulus-to-angle FRFs by angle, in the angle's unit per unit of stimulus."""
     H = frf(view.model, theta, f)
-    return {view.model.angles[i].replace("theta", "θ"): H[..., i] for i in range(view.model.n_angles)}
+    return {view.model.output_names[i].replace("theta", "θ"): H[..., i] for i in range(view.model.n_angles)}
 
 
 def controllers_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:

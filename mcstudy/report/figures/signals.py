@@ -62,7 +62,7 @@ class Signals:
     @property
     def angles(self) -> list[str]:
         """Names of the angles that move."""
-        return [n.replace("theta", "θ") for n in self.view.model.angles[: self.view.model.n_angles]]
+        return [n.replace("theta", "θ") for n in self.view.model.output_names[: self.view.model.n_angles]]
 
     @property
     def cycles(self) -> int:
@@ -85,14 +85,15 @@ class Signals:
 
     @cached_property
     def sensor_noise(self) -> np.ndarray:
-        """Noise on the two sensed angles."""
+        """Noise on the sensed angles."""
         return self._noise.sample(noise_stream(self.seed, self.realization), self.t.size, self.periodic.rate_hz)
 
     @cached_property
     def noise_sway(self) -> np.ndarray:
-        """Sway that the same noise evokes, without a stimulus."""
+        """What is recorded without a stimulus: sway that the same noise evokes, and the noise of the recording."""
         model = self.view.model
-        sway = NoiseSway(model, model.truth, self._noise, self.t.size, self.periodic.rate_hz)
+        measured = self.view.group.measurement_noise
+        sway = NoiseSway(model, model.truth, self._noise, self.t.size, self.periodic.rate_hz, measured)
         return sway.sample(noise_stream(self.seed, self.realization))
 
     @cached_property
@@ -120,7 +121,9 @@ class Signals:
     def expected_noise_power(self, f: np.ndarray) -> np.ndarray:
         """E|coefficient|^2 of the mean cycle's noise without leakage, rad^2, (N, 2)."""
         model, group = self.view.model, self.view.group
-        density = sway_psd(model, model.truth, self._noise, f)
+        measured = group.measurement_noise
+        recorded = None if measured is None else measured.psd(self.periodic.rate_hz)
+        density = sway_psd(model, model.truth, self._noise, f, recorded)
         duration = (group.stimulus.cycles - group.stimulus.discard) * self.periodic.period_s
         return np.einsum("nii->ni", density).real / (2 * duration)
 

@@ -165,7 +165,7 @@ def realizations_a_chunk(group: Group) -> int:
 def layout(
     group: Group, model: Model, f: np.ndarray, n_frequencies: tuple[int, ...], true_frf: np.ndarray, depth: int
 ) -> Layout:
-    """The arrays of a group whose FRFs have frequencies ``f`` (N,) Hz and are ``true_frf`` (N, 2) without noise.
+    """The arrays of a group whose FRFs have frequencies ``f`` (N,) Hz and are ``true_frf`` (N, Y) without noise.
 
     ``depth``: realizations per chunk; from `realizations_a_chunk` for a new cube, as stored for an existing one.
     """
@@ -175,8 +175,8 @@ def layout(
         "realization": group.realizations,
         "start": group.starts,
         "parameter": len(model.parameters),
-        "angle": 2,
-        "angle_2": 2,
+        "angle": model.n_outputs,
+        "angle_2": model.n_outputs,
         "frequency": f.size,
     }
     chunk = {**sizes, "amplitude": 1, "realization": depth}
@@ -192,7 +192,7 @@ def layout(
         stored = None if values is None else np.asarray(values, dtype=object if dtype == "string" else dtype)
         arrays[name] = ArraySpec(name, axes, dtype, fill, shape, per_chunk, attributes, stored)
 
-    u, per_parameter, per_unit = model.stimulus_unit, "see parameter_unit", f"{model.unit}/({model.stimulus_unit})"
+    u, per_parameter, per_unit = model.stimulus_unit, "see parameter_unit", _response_unit(model)
     what = "start pool" if group.simulator == "none" else "noise realization"
     convention = group.stimulus.convention
     add("amplitude", "amplitude", "<f8", 0.0, u, "stimulus amplitude", group.amplitude, convention=convention)
@@ -200,8 +200,11 @@ def layout(
     add("realization", "realization", "<i8", 0, "1", what, np.arange(group.realizations))
     add("start", "start", "<i8", 0, "1", "start of the fit", np.arange(group.starts))
     add("parameter", "parameter", "string", "", "", "model parameter", model.names)
-    add("angle", "angle", "string", "", "", "joint angle", model.angles)
-    add("angle_2", "angle_2", "string", "", "", "joint angle", model.angles)
+    what = "output" if model.outputs else "joint angle"
+    add("angle", "angle", "string", "", "", what, model.output_names)
+    add("angle_2", "angle_2", "string", "", "", what, model.output_names)
+    if model.outputs:
+        add("angle_unit", "angle", "string", "", "", "unit of the output", model.output_units)
     add("frequency", "frequency", "<f8", 0.0, "Hz", "frequency of the FRF point", f)
     add("parameter_unit", "parameter", "string", "", "", "unit of the parameter", model.units)
     meanings = [p.meaning for p in model.parameters]
@@ -217,9 +220,15 @@ def layout(
     return Layout(group, depth, arrays, results)
 
 
+def _response_unit(model: Model) -> str:
+    """Unit of responses; where outputs have several, the array that says them."""
+    (unit, *others) = dict.fromkeys(model.output_units)
+    return "see angle_unit" if others else f"{unit}/({model.stimulus_unit})"
+
+
 def _add_results(add: Callable[..., None], group: Group, model: Model) -> None:
     """Declare what the runs of a study write, in the order of writing."""
-    per_parameter, per_unit = "see parameter_unit", f"rad/({model.stimulus_unit})"
+    per_parameter, per_unit = "see parameter_unit", _response_unit(model)
     data, cell = "amplitude realization frequency angle", "amplitude fmax realization start"
     by_parameter = cell + " parameter"
     add("frf", data, "<c16", COMPLEX_NAN, per_unit, "FRF that was fitted")

@@ -55,7 +55,8 @@ def frf_gain(
     """Fig. 4A, gain: line the truth; without noise, markers the best fit; with noise, band 10-90 % of best fits."""
     ax = _gain(data, amplitude, fmax, axes(ax), frf_of)
     model = view_of(data).model
-    ax.set_ylabel(f"gain ({model.unit}/({model.stimulus_unit.replace(' ', '·')}))")
+    units = ", ".join(dict.fromkeys(model.output_units))
+    ax.set_ylabel(f"gain ({units}/({model.stimulus_unit.replace(' ', '·')}))")
     return ax
 
 

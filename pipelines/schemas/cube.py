@@ -18,6 +18,8 @@ name = "layout"
 seed = 0
 
 [group.all_arrays]
+model = "independent_channel"
+noise.psd = 1.0
 realizations = 1
 starts = "until certain"
 fmax = [1.2]
@@ -26,8 +28,8 @@ store.standard_errors = true
 """
 """A study whose group has every array."""
 
-OPTIONAL = ("noise_covariance", "standard_error")
-"""Arrays that some groups lack: without noise, and unless asked for."""
+OPTIONAL = ("angle_unit", "noise_covariance", "standard_error")
+"""Arrays that some groups lack: without declared outputs, without noise, and unless asked for."""
 
 BY_GROUP = {
     "amplitude": {"units": {"type": "string"}, "convention": {"enum": ["peak", "peak_to_peak"]}},

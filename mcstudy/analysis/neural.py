@@ -37,16 +37,16 @@ def j_nc(fits: xr.Dataset, model: Model) -> xr.DataArray:
 def j_nc_within(fits: xr.Dataset, model: Model) -> xr.DataArray:
     """J_NC over the fitted frequencies only, those up to each Fmax (variable ``n_frequencies``)."""
     counts = fits["n_frequencies"].reset_coords(drop=True).rename(fmax="_n")
-    every = _errors(fits, model, counts)
-    layers = [every.isel(_n=i, fmax=i) for i in range(fits.sizes["fmax"])]
+    errors = _errors(fits, model, counts)
+    layers = [errors.isel(_n=i, fmax=i) for i in range(fits.sizes["fmax"])]
     out = xr.concat(layers, dim=fits["fmax"]).transpose(*(d for d in fits["estimate"].dims if d != "parameter"))
     return label(out, "error of the neural controllers at the fitted frequencies, J_NC").rename("j_nc_within")
 
 
 def median_j_nc(cells: xr.Dataset) -> xr.Dataset:
     """Median of `j_nc` of the best fits over realizations: dims (amplitude, fmax), with a 95 % interval."""
-    found = quantiles(j_nc(cells, model_of(cells)), (0.5,)).isel(quantile=0, drop=True)
-    return labelled(found, cells, "median error of the neural controllers, J_NC")
+    median = quantiles(j_nc(cells, model_of(cells)), (0.5,)).isel(quantile=0, drop=True)
+    return labelled(median, cells, "median error of the neural controllers, J_NC")
 
 
 def _errors(fits: xr.Dataset, model: Model, counts: xr.DataArray) -> xr.DataArray:

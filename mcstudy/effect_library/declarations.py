@@ -24,9 +24,9 @@ from mcstudy.stance.feedback import ANGLES, Filter, Model, Monomial, Term
 from mcstudy.stance.rules import reweighted
 
 
-def terms(*rows: Term, at_joint: bool = False) -> Callable[[Model], Model]:
+def terms(*rows: Term) -> Callable[[Model], Model]:
     """Build step: more terms."""
-    return lambda model: add.add_terms(model, *rows, at_joint=at_joint)
+    return lambda model: add.add_terms(model, *rows)
 
 
 def terms_filter(selects: Callable[[Term], bool], filt: Filter) -> Callable[[Model], Model]:

@@ -48,6 +48,9 @@ ITERATIONS = 60
 INFLATIONS = np.geomspace(1.0, 16.0, 25)
 """Factors tried for the error of the difference."""
 
+RELABELLINGS = 500
+"""By which the factor is chosen."""
+
 NOTHING, OTHER = "no difference", "something else"
 
 PRIOR_NOTHING, PRIOR_OTHER = 0.5, 0.1
@@ -110,7 +113,7 @@ def smooth(mean: np.ndarray, f: np.ndarray, relative: float) -> np.ndarray:
     return C
 
 
-def inflation(sample: Sample, f: np.ndarray, rng: np.random.Generator, n: int = 500) -> float:
+def inflation(sample: Sample, f: np.ndarray, rng: np.random.Generator) -> float:
     """Factor of the error of the difference at which relabelled groups do not speak for a difference.
 
     The likelihood ratio of a difference of the size `ELSE` to none has a mean of one over data without a difference if
@@ -118,7 +121,7 @@ def inflation(sample: Sample, f: np.ndarray, rng: np.random.Generator, n: int = 
     with the scatter of the observed groups.
     """
     centred = Sample(sample.a - sample.a.mean(axis=0), sample.b - sample.b.mean(axis=0), sample.paired)
-    relabelled = centred.differences(centred.relabelled(rng, n))
+    relabelled = centred.differences(centred.relabelled(rng, RELABELLINGS))
     size = np.sqrt((relabelled.variance / relabelled.scale).mean(axis=1))
     difference = relabelled.difference[1:] * (size[0] / size[1:])[:, None]
     spread = smooth(sample.mean, f, ELSE)

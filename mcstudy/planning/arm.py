@@ -281,10 +281,9 @@ class Arm:
         k = self._first(cycles, amplitude, fine)
         if k is None:
             k = int(excess.argmin())
-        else:
-            if AMPLITUDE in self.space.over:
-                amplitude, excess = amplitude.copy(), excess.copy()
-                amplitude[k], excess[k] = self._finer(cycles[k], amplitude[k], side)
+        elif AMPLITUDE in self.space.over:
+            amplitude, excess = amplitude.copy(), excess.copy()
+            amplitude[k], excess[k] = self._finer(cycles[k], amplitude[k], side)
         cost = self.space.cost(cycles[k : k + 1], amplitude[k : k + 1], self.fmax)
         return Candidate(int(cycles[k]), float(amplitude[k]), float(cost[0]), float(excess[k]))
 

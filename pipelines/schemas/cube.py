@@ -17,9 +17,13 @@ STUDY = """
 name = "layout"
 seed = 0
 
+[model]
+joints = ["joint"]
+term = [{ order = 2 }, { gain = "B", order = 1, noisy = true }, { sense = "stimulus" }]
+parameter = [{ name = "B", value = 1.0 }]
+output = [{ name = "output", value = "2*joint" }]
+
 [group.all_arrays]
-model = "independent_channel"
-noise.psd = 1.0
 realizations = 1
 starts = "until certain"
 fmax = [1.2]
@@ -28,8 +32,8 @@ store.standard_errors = true
 """
 """A study whose group has every array."""
 
-OPTIONAL = ("angle_unit", "noise_covariance", "standard_error")
-"""Arrays that some groups lack: without declared outputs, without noise, and unless asked for."""
+OPTIONAL = ("noise_covariance", "standard_error", "angle_unit")
+"""Arrays that some groups lack: without noise, unless asked for, without declared outputs."""
 
 BY_GROUP = {
     "amplitude": {"units": {"type": "string"}, "convention": {"enum": ["peak", "peak_to_peak"]}},

@@ -365,10 +365,10 @@ class MonteCarlo:
         held = [float(x) for x in self._data[name].values]
         if value is None:
             return held[-1]
-        found = context.nearest(self._data[name].values, value)
-        if found is None:
+        nearest = context.nearest(self._data[name].values, value)
+        if nearest is None:
             raise InputError(f"{name}: expected one of {', '.join(f'{x:g}' for x in held)}, got {value:g}")
-        return found
+        return nearest
 
     by_starts = _of_cube(first_starts.by_starts)
 

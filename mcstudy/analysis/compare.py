@@ -101,8 +101,8 @@ def comparisons(study: StudyView) -> list[Comparison]:
     if len(noisy) < 2:
         return []
     reference = next((g for g in noisy if not g.differences), noisy[0])
-    found = (compare(reference, other) for other in noisy if other is not reference)
-    return [c for c in found if c is not None]
+    compared = (compare(reference, other) for other in noisy if other is not reference)
+    return [c for c in compared if c is not None]
 
 
 def compare(reference: GroupView, other: GroupView) -> Comparison | None:
@@ -277,16 +277,16 @@ def comparisons_with(study: StudyView, reference: StudyView, name: str) -> tuple
     if not pairs:
         held = [", ".join(view.groups) for view in (reference, study)]
         raise InputError(f"{name}: expected a group of the same name, one of {held[1]}, got {held[0]}")
-    found, without = [], {}
+    compared, without = [], {}
     for group, (ours, theirs) in pairs.items():
         theirs = GroupView(f"{theirs.name} of {name}", theirs.cube)
         try:
-            found.append(difference(theirs, ours))
+            compared.append(difference(theirs, ours))
         except InputError as error:
             without[group] = str(error)
-    if not found:
+    if not compared:
         raise InputError(next(iter(without.values())))
-    return found, without
+    return compared, without
 
 
 def _verdicts(reference: GroupView, other: GroupView, result: xr.Dataset) -> Iterator[Verdict]:

@@ -52,10 +52,10 @@ def combined_when_read(cells: xr.Dataset) -> xr.Dataset:
 
 def _derived(cells: xr.Dataset) -> list[Quantity]:
     model = fitted_model(cells)
-    found = quantities.derived(model)
-    if not found or list(model.names) != _names(cells):
+    known = quantities.derived(model)
+    if not known or list(model.names) != _names(cells):
         raise InputError(f"parameter: no quantity that the model derives from {', '.join(_names(cells))}")
-    return list(found)
+    return list(known)
 
 
 def _combined(cells: xr.Dataset) -> list[Quantity]:
@@ -73,7 +73,7 @@ def _names(cells: xr.Dataset) -> list[str]:
 
 
 def _values(x: xr.DataArray, wanted: list[Quantity]) -> xr.DataArray:
-    found: xr.DataArray = xr.apply_ufunc(
+    values: xr.DataArray = xr.apply_ufunc(
         lambda theta: np.stack([_value(q, theta) for q in wanted], axis=-1),
         x,
         input_core_dims=[["parameter"]],
@@ -83,7 +83,7 @@ def _values(x: xr.DataArray, wanted: list[Quantity]) -> xr.DataArray:
         dask_gufunc_kwargs={"output_sizes": {"parameter": len(wanted)}, "allow_rechunk": True},
         output_dtypes=[x.dtype],
     )
-    return found.transpose(*x.dims)
+    return values.transpose(*x.dims)
 
 
 def _value(q: Quantity, theta: np.ndarray) -> np.ndarray:

@@ -175,7 +175,7 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
     least = jackknife(x, truth, lambda m: bounds["cramer_rao"] ** 2 / m.sd.where(m.sd > 0) ** 2)
     box = jackknife(x, truth, lambda m: bounds["box"] ** 2 / m.mse.where(m.mse > 0))
     applies, name = bound_applies(cells), "efficiency (Cramér-Rao variance over observed variance)"
-    found = least.assign(
+    result = least.assign(
         value=least["value"].where(applies),
         mcse=least["mcse"].where(applies),
         applies=applies,
@@ -188,11 +188,11 @@ def efficiency(cells: xr.Dataset, bounds: xr.Dataset) -> xr.Dataset:
         why_not=bounds["why_not"],
     )
     if "at_bound" in cells:
-        found["at_bound"] = at_bound(cells)["value"].sum("side", skipna=False)
+        result["at_bound"] = at_bound(cells)["value"].sum("side", skipna=False)
     within = "van Trees bound within the box of allowed values over observed mean squared error"
     sd = {k: (bounds[k].attrs["long_name"], bounds[k].attrs["units"]) for k in ("cramer_rao", "paper_cost", "box")}
     return labelled(
-        found,
+        result,
         cells,
         name,
         applies=("whether the Cramér-Rao bound applies", ONE),

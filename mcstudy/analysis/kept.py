@@ -87,10 +87,10 @@ class Look:
             return compute()
         parts = [kind, self._content, list(words), self._maker]
         file = folder(self._cubes[0]) / sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
-        found = self._new.get(file) or _read(file, kind)
-        if found is None:
-            found = self._new[file] = compute()
-        return found
+        value = self._new.get(file) or _read(file, kind)
+        if value is None:
+            value = self._new[file] = compute()
+        return value
 
     def keep(self) -> None:
         """Write what was computed, unless a run has changed the cubes meanwhile, or an update the program."""

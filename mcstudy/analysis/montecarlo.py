@@ -117,8 +117,8 @@ def _deviations(v: xr.Variable, mean: xr.Variable, truth: xr.Variable) -> tuple[
 
 
 def _with_coordinates(m: Moments[xr.Variable], x: xr.DataArray, truth: xr.DataArray) -> Moments[xr.DataArray]:
-    own = _coordinates(x, m.mean.dims)
-    mean, sd, n = (xr.DataArray(v, own) for v in (m.mean, m.sd, m.n))
+    coordinates = _coordinates(x, m.mean.dims)
+    mean, sd, n = (xr.DataArray(v, coordinates) for v in (m.mean, m.sd, m.n))
     return Moments(mean, sd, xr.DataArray(m.mse, _coordinates(x, m.mse.dims, truth)), truth, n)
 
 
@@ -249,8 +249,8 @@ def wilson(successes: xr.DataArray, trials: xr.DataArray, confidence: float = 0.
     ``mcse`` is half the width of the interval in normal quantiles, so that it does not vanish at 0 of n or n of n.
     """
     successes, trials = xr.align(successes, trials, join="inner", copy=False)
-    found = _wilson(successes.variable, trials.variable, confidence)
-    return xr.Dataset(found, _coordinates(successes, found["value"].dims, trials))
+    interval = _wilson(successes.variable, trials.variable, confidence)
+    return xr.Dataset(interval, _coordinates(successes, interval["value"].dims, trials))
 
 
 def _wilson(successes: xr.Variable, trials: xr.Variable, confidence: float = 0.95) -> dict[str, xr.Variable]:
@@ -270,9 +270,9 @@ def fraction(event: xr.DataArray, used: xr.DataArray) -> xr.Dataset:
     """Fraction of the used realizations in which ``event`` holds, with `wilson` interval and ``left_out``."""
     event, used = xr.broadcast(event, used)
     count = used.variable.sum(REALIZATION)
-    found = _wilson((event.variable & used.variable).sum(REALIZATION), count)
-    found["left_out"] = used.sizes[REALIZATION] - count
-    return xr.Dataset(found, _coordinates(event, count.dims, used))
+    interval = _wilson((event.variable & used.variable).sum(REALIZATION), count)
+    interval["left_out"] = used.sizes[REALIZATION] - count
+    return xr.Dataset(interval, _coordinates(event, count.dims, used))
 
 
 def quantiles(x: xr.DataArray, q: tuple[float, ...], confidence: float = 0.95) -> xr.Dataset:

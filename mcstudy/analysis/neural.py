@@ -45,8 +45,8 @@ def j_nc_within(fits: xr.Dataset, model: Model) -> xr.DataArray:
 
 def median_j_nc(cells: xr.Dataset) -> xr.Dataset:
     """Median of `j_nc` of the best fits over realizations: dims (amplitude, fmax), with a 95 % interval."""
-    found = quantiles(j_nc(cells, model_of(cells)), (0.5,)).isel(quantile=0, drop=True)
-    return labelled(found, cells, "median error of the neural controllers, J_NC")
+    median = quantiles(j_nc(cells, model_of(cells)), (0.5,)).isel(quantile=0, drop=True)
+    return labelled(median, cells, "median error of the neural controllers, J_NC")
 
 
 def _errors(fits: xr.Dataset, model: Model, counts: xr.DataArray) -> xr.DataArray:

@@ -105,10 +105,10 @@ def _check_constants(store: GroupStore, data: xr.Dataset) -> None:
     for name, spec in store.layout.arrays.items():
         if spec.values is None:
             continue
-        found, expected = data[name].values, np.asarray(spec.values)
+        stored, expected = data[name].values, np.asarray(spec.values)
         if expected.dtype.kind in "fc":
-            same = np.allclose(found, expected, rtol=1e-9, atol=0.0, equal_nan=True)
+            same = np.allclose(stored, expected, rtol=1e-9, atol=0.0, equal_nan=True)
         else:
-            same = bool((found == expected).all())
+            same = bool((stored == expected).all())
         if not same:
             raise StoreError(f"{store.path / name}: expected the values of the study, found others")

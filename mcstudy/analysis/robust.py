@@ -37,8 +37,8 @@ def estimate_quantiles(cells: xr.Dataset, q: tuple[float, ...] = QUANTILES) -> x
     q
         The quantiles, 0 to 1.
     """
-    found = quantiles(cells["estimate"], q)
-    return labelled(found, cells, "quantile of the estimates over realizations", units_of(cells))
+    quantile = quantiles(cells["estimate"], q)
+    return labelled(quantile, cells, "quantile of the estimates over realizations", units_of(cells))
 
 
 def median_bias(cells: xr.Dataset) -> xr.Dataset:
@@ -46,16 +46,16 @@ def median_bias(cells: xr.Dataset) -> xr.Dataset:
 
     The interval (``lower``, ``upper``) is between order statistics and assumes no distribution.
     """
-    found = quantiles(cells["estimate"], (0.5,)).isel(quantile=0, drop=True)
+    median = quantiles(cells["estimate"], (0.5,)).isel(quantile=0, drop=True)
     for name in ("value", "lower", "upper"):
-        found[name] = found[name] - cells["truth"]
-    return labelled(found, cells, "median bias (median estimate minus truth)", units_of(cells))
+        median[name] = median[name] - cells["truth"]
+    return labelled(median, cells, "median bias (median estimate minus truth)", units_of(cells))
 
 
 def median_cost(cells: xr.Dataset) -> xr.Dataset:
     """Median cost of the best fits over realizations: dims (amplitude, fmax), with a 95 % interval."""
-    found = quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True)
-    return labelled(found, cells, "median cost of the best fits")
+    median = quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True)
+    return labelled(median, cells, "median cost of the best fits")
 
 
 def mad(cells: xr.Dataset) -> xr.Dataset:
@@ -76,8 +76,8 @@ def mad(cells: xr.Dataset) -> xr.Dataset:
         output_dtypes=[float, float],
     )
     n = x.notnull().sum(REALIZATION)
-    found = xr.Dataset({"value": value, "mcse": mcse, "n": n, "left_out": x.sizes[REALIZATION] - n})
-    return labelled(found, cells, "median absolute deviation from the median", units_of(cells))
+    deviation = xr.Dataset({"value": value, "mcse": mcse, "n": n, "left_out": x.sizes[REALIZATION] - n})
+    return labelled(deviation, cells, "median absolute deviation from the median", units_of(cells))
 
 
 def _mad_with_error(x: np.ndarray) -> tuple[float, float]:

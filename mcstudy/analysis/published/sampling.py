@@ -127,8 +127,8 @@ def pooled(value: np.ndarray, error: np.ndarray, n: int, size: int) -> Value:
     if not keep.any():
         return Value(float("nan"), float("nan"), float("nan"), 0)
     v, e = value[keep], error[keep]
-    one = float(v.std(ddof=1)) if v.size >= MANY else float(np.sqrt(np.mean(e**2)))
-    return Value(float(v.mean()), one / np.sqrt(v.size), one * np.sqrt(n / size), n * v.size, int(v.size))
+    sd = float(v.std(ddof=1)) if v.size >= MANY else float(np.sqrt(np.mean(e**2)))
+    return Value(float(v.mean()), sd / np.sqrt(v.size), sd * np.sqrt(n / size), n * v.size, int(v.size))
 
 
 @dataclass(frozen=True)
@@ -144,9 +144,9 @@ def pooled_samples(parts: Sequence[dict[str, Sample]], size: int) -> dict[str, V
     """`pooled` by key, of the blocks of all parts together."""
     out = {}
     for key in parts[0]:
-        of = [part[key] for part in parts]
-        joined = (np.concatenate([s.value for s in of]), np.concatenate([s.error for s in of]))
-        out[key] = pooled(*joined, max(s.n for s in of), size)
+        samples = [part[key] for part in parts]
+        joined = (np.concatenate([s.value for s in samples]), np.concatenate([s.error for s in samples]))
+        out[key] = pooled(*joined, max(s.n for s in samples), size)
     return out
 
 
@@ -154,9 +154,9 @@ def jackknife(whole: T, deleted: T, used: np.ndarray, statistics: Statistics[T])
     """Smooth statistics with the delete-one jackknife; ``used`` (block, realization): realizations with any value."""
     g = used.sum(1)
     out = {}
-    for key, of in statistics.items():
+    for key, statistic in statistics.items():
         with np.errstate(invalid="ignore", divide="ignore"):
-            value, r = of(whole), np.where(used, of(deleted), 0.0)
+            value, r = statistic(whole), np.where(used, statistic(deleted), 0.0)
             centre = r.sum(1) / np.maximum(g, 1)
             squares = np.where(used, (r - centre[:, None]) ** 2, 0.0).sum(1)
         error = np.sqrt(squares * (g - 1) / np.where(g > 2, g, np.nan))
@@ -188,7 +188,9 @@ def bootstrap(x: np.ndarray, of_means: Callable[[Means], T], statistics: Statist
     most = int(used.reshape(*used.shape[:2], -1).any(-1).sum(1).max())
     first = of_means(whole)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return {k: Sample(of(first), of(again).std(1, ddof=1), most) for k, of in statistics.items()}
+        return {
+            k: Sample(statistic(first), statistic(again).std(1, ddof=1), most) for k, statistic in statistics.items()
+        }
 
 
 def without_one(x: np.ndarray) -> np.ndarray:

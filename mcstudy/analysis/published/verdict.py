@@ -75,9 +75,9 @@ def judge(paper: Published, ours: Value) -> Verdict:
     beyond, inside = _apart(paper, gap)
     distance = float(np.sign(gap)) * max(beyond, 0.0) / error + 0.0 if error > 0 else float("nan")
     name = _name(beyond, inside, error, ours.blocks)
-    found = Verdict(name, distance, error, ours.one)
+    verdict = Verdict(name, distance, error, ours.one)
     if name != CANNOT_TELL:
-        return found
+        return verdict
     blocks = _blocks_needed(beyond, inside, ours.one)
     return Verdict(name, distance, error, ours.one, blocks * paper.n, OURS if blocks else THEIRS)
 

@@ -82,7 +82,7 @@ def basins(
     if growth.chunks is not None:
         growth = growth.chunk({"start": -1})
     # one pass over each chunk: with several reductions, dask would keep all chunks in memory until the last is done
-    table, lead, found = xr.apply_ufunc(
+    table, lead, count = xr.apply_ufunc(
         _basins_of_pool,
         cost,
         z,
@@ -102,7 +102,7 @@ def basins(
         cost=low,
         estimate=lead * (cube["upper"] - cube["lower"]) + cube["lower"],
         stable=xr.where(growth_rate < 0, 1.0, 0.0).where(growth_rate.notnull()),
-        n_basins=found,
+        n_basins=count,
         n=tried,
     )
     return labelled(
@@ -122,11 +122,11 @@ def _basins_of_pool(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Per basin: members, cost and growth rate of its leader; its leader's parameters; and the number of basins."""
     label = _labels(cost, z, cost_tolerance, width_tolerance)
-    found = int(label.max(initial=-1)) + 1
+    count = int(label.max(initial=-1)) + 1
     table, lead = np.full((most, 3), np.nan), np.full((most, z.shape[1]), np.nan)
-    for b in range(min(found, most)):
+    for b in range(min(count, most)):
         member = np.flatnonzero(label == b)
         first = member[np.argmin(cost[member])]
         table[b] = member.size, cost[first], growth[first]
         lead[b] = z[first]
-    return table, lead, found
+    return table, lead, count

@@ -77,10 +77,10 @@ def _curves(cost: np.ndarray, drawn: tuple[int, ...]) -> tuple[np.ndarray, np.nd
     mean, sd = (np.full((len(pools), len(drawn)), np.nan) for _ in range(2))
     for n in np.unique(held[held > 0]):
         rows = np.flatnonzero(held == n)
-        own, weights = pools[rows, :n], weights_without_replacement(int(n), drawn)
-        mean[rows] = own @ weights.T
+        costs, weights = pools[rows, :n], weights_without_replacement(int(n), drawn)
+        mean[rows] = costs @ weights.T
         for i, w in enumerate(weights):
-            sd[rows, i] = np.sqrt((own - mean[rows, i, None]) ** 2 @ w)
+            sd[rows, i] = np.sqrt((costs - mean[rows, i, None]) ** 2 @ w)
     shape = (*cost.shape[:-1], len(drawn))
     return mean.reshape(shape), sd.reshape(shape)
 

@@ -14,11 +14,11 @@ LEAST = 3
 
 def notes(view: GroupView) -> list[str]:
     """One sentence per note; conditions with the same note are listed together."""
-    found: dict[str, list[str]] = {}
+    conditions: dict[str, list[str]] = {}
     for why, cell in _of_cells(view):
-        found.setdefault(why, []).append(cell)
+        conditions.setdefault(why, []).append(cell)
     falls = [f"Warning: {warning(view.instability)}."] if view.instability else []
-    return falls + [f"{why}: {'; '.join(cells)}." for why, cells in found.items()]
+    return falls + [f"{why}: {'; '.join(cells)}." for why, cells in conditions.items()]
 
 
 def _of_cells(view: GroupView) -> Iterator[tuple[str, str]]:

@@ -39,13 +39,13 @@ def show_data(study: StudyView, reference: StudyView | None = None, name: str = 
     study. Raises `InputError` when no group can be compared.
     """
     attributes = study.attributes
-    found, without = (comparisons(study), {}) if reference is None else comparisons_with(study, reference, name)
+    differences, without = (comparisons(study), {}) if reference is None else comparisons_with(study, reference, name)
     publication, rows = compared(study)
     return {
         "schema": identifier(SCHEMA),
         "study": {key: attributes.get(key) for key in ("title", "fingerprint", "seed")},
         "paper": {"reference": publication.reference, "rows": [_row(r) for r in rows]},
-        "comparisons": [_comparison(c) for c in found],
+        "comparisons": [_comparison(c) for c in differences],
         "not_compared": without,
         "groups": {name: _group(view) for name, view in study.groups.items()},
     }
@@ -223,11 +223,11 @@ def _of_errors(cells: xr.Dataset) -> dict[str, xr.Dataset]:
     """How true the standard errors are, where the cube holds them."""
     if selection.ERROR not in cells:
         return {}
-    found = performance(cells["estimate"], cells["truth"], cells[selection.ERROR])
-    found = found.assign(used=found["n"]).drop_vars(["meaning", "measure_unit"])
+    measured = performance(cells["estimate"], cells["truth"], cells[selection.ERROR])
+    measured = measured.assign(used=measured["n"]).drop_vars(["meaning", "measure_unit"])
     keys = [m.key for m in WITH_ERRORS]
     without = {k: [] if "coverage" in k else ["lower", "upper"] for k in keys}
-    return {f"se_{k}" if k == "relative_error" else k: found.sel(measure=k).drop_vars(without[k]) for k in keys}
+    return {f"se_{k}" if k == "relative_error" else k: measured.sel(measure=k).drop_vars(without[k]) for k in keys}
 
 
 def _entries(
@@ -254,7 +254,7 @@ _MEASURES: dict[str, PlainStatistic] = {
 
 def _measures(cells: xr.Dataset) -> dict[str, xr.Dataset]:
     """All measures of every parameter, from one jackknife."""
-    found = jackknives(cells["estimate"], cells["truth"], list(_MEASURES.values()))
-    out = dict(zip(_MEASURES, found, strict=True))
+    results = jackknives(cells["estimate"], cells["truth"], list(_MEASURES.values()))
+    out = dict(zip(_MEASURES, results, strict=True))
     out["absolute_bias_percent"] = out["absolute_bias_percent"].assign(floor=accuracy.floor_percent(cells))
     return out

@@ -31,7 +31,8 @@ class Table(NamedTuple):
     Attributes
     ----------
     title, header, rows: as text. note: explanation of entries that need one.
-    kind: how a page shows it: "numbers"; "facts"; "rows" and "wide", whose long cells are wrapped.
+    kind: how a page shows it: "numbers"; "facts"; "rows" and "wide", whose long cells are wrapped; "stack", for many
+        rows, which scrolls.
     """
 
     title: str

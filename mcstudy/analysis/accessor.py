@@ -19,7 +19,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import numpy as np
 import xarray as xr
 
-from mcstudy.analysis import accuracy, context, efficiency, neural, robust, selection
+from mcstudy.analysis import accuracy, context, efficiency, neural, order_statistics, selection
 from mcstudy.analysis import compare as comparing
 from mcstudy.analysis import correlation as correlations
 from mcstudy.analysis import derived as quantities
@@ -180,9 +180,9 @@ class MonteCarlo:
     sd = _of_cells(accuracy.sd)
     cv = _of_cells(accuracy.cv)
     rmse = _of_cells(accuracy.rmse)
-    median_bias = _of_cells(robust.median_bias)
-    mad = _of_cells(robust.mad)
-    quantiles = _of_cells(robust.estimate_quantiles)
+    median_bias = _of_cells(order_statistics.median_bias)
+    mad = _of_cells(order_statistics.mad)
+    quantiles = _of_cells(order_statistics.estimate_quantiles)
 
     def performance(self, level: float = 0.95) -> xr.Dataset:
         """Bias, empirical SE and MSE with the formulas of Morris et al. (2019), and how true the standard errors are.

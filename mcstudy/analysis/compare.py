@@ -7,7 +7,7 @@ realization that one of the two could not use is left out of both. Groups with d
 its own realizations, and their variances add.
 
 Within a study the reference is the group with the defaults of a study file, or else the first group. If a publication
-makes a claim about a difference (`mcstudy.analysis.published`), the difference is compared with the claim.
+makes a claim about a difference (`mcstudy.analysis.publications`), the difference is compared with the claim.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from mcstudy.analysis import accuracy
 from mcstudy.analysis.labels import PERCENT, labelled
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.montecarlo import Moments, Statistic, jackknife
-from mcstudy.analysis.published.publication import publications
-from mcstudy.analysis.published.statement import Expectation, Variant
+from mcstudy.analysis.publications.publication import publications
+from mcstudy.analysis.publications.statement import Expectation, Variant
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.errors import InputError
 
@@ -157,8 +157,8 @@ def _common(reference: GroupView, other: GroupView, axis: str) -> list[float]:
 
 def _compared(reference: GroupView, other: GroupView, paired: bool) -> Comparison:
     cells = _side_by_side([_relative(view) for view in (reference, other)], paired)
-    both = (GROUP, "parameter") if paired else ("parameter",)
-    cells = cells.where(cells["estimate"].notnull().all(both))
+    dims = (GROUP, "parameter") if paired else ("parameter",)
+    cells = cells.where(cells["estimate"].notnull().all(dims))
     frf = _frf(reference, other, cells, paired)
     parts = [_of_parameters(cells, paired), _shares(cells, paired), *([] if frf is None else [frf])]
     result = xr.concat(parts, dim=MEASURE, join="outer").reindex({MEASURE: list(MEASURES)})
@@ -243,17 +243,17 @@ def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset, paired: bool
     if "frf" not in reference.cube or "frf" not in other.cube:
         return None
     data = [view.cube[["frf", "true_frf"]].reset_coords(drop=True) for view in (reference, other)]
-    both = _side_by_side(data, paired).sel(amplitude=cells["amplitude"])
-    if both.sizes["frequency"] == 0:
+    pair = _side_by_side(data, paired).sel(amplitude=cells["amplitude"])
+    if pair.sizes["frequency"] == 0:
         return None
-    both = both.sel(realization=cells["realization"]).compute()
-    relative = both["frf"] / both["true_frf"]
+    pair = pair.sel(realization=cells["realization"]).compute()
+    relative = pair["frf"] / pair["true_frf"]
     x = xr.concat([relative.real, relative.imag], dim="part")
     truth = xr.DataArray([1.0, 0.0], dims="part")
     inside = xr.DataArray(
-        [reference.within(f, both["frequency"].values) for f in cells["fmax"].values],
+        [reference.within(f, pair["frequency"].values) for f in cells["fmax"].values],
         dims=("fmax", "frequency"),
-        coords={"fmax": cells["fmax"], "frequency": both["frequency"]},
+        coords={"fmax": cells["fmax"], "frequency": pair["frequency"]},
     )
 
     def statistic(m: Moments[xr.DataArray]) -> xr.DataArray:
@@ -300,5 +300,5 @@ def _verdicts(reference: GroupView, other: GroupView, result: xr.Dataset) -> Ite
                 fmax = other.fmax(wanted)
                 if fmax is None or fmax not in result["fmax"]:
                     continue
-                here = result.sel({MEASURE: expectation.measure, "fmax": fmax})
-                yield Verdict(claim, expectation, fmax, float(here["value"]), float(here["mcse"]))
+                cell = result.sel({MEASURE: expectation.measure, "fmax": fmax})
+                yield Verdict(claim, expectation, fmax, float(cell["value"]), float(cell["mcse"]))

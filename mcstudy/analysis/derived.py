@@ -52,10 +52,10 @@ def combined_when_read(cells: xr.Dataset) -> xr.Dataset:
 
 def _derived(cells: xr.Dataset) -> list[Quantity]:
     model = fitted_model(cells)
-    known = quantities.derived(model)
-    if not known or list(model.names) != _names(cells):
+    declared = quantities.derived(model)
+    if not declared or list(model.names) != _names(cells):
         raise InputError(f"parameter: no quantity that the model derives from {', '.join(_names(cells))}")
-    return list(known)
+    return list(declared)
 
 
 def _combined(cells: xr.Dataset) -> list[Quantity]:

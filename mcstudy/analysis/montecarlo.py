@@ -124,8 +124,8 @@ def _with_coordinates(m: Moments[xr.Variable], x: xr.DataArray, truth: xr.DataAr
 
 def _coordinates(x: xr.DataArray, dims: tuple[Hashable, ...], other: xr.DataArray | None = None) -> xr.Coordinates:
     """The coordinates of ``x``, and of ``other``, that numbers with these dims made of them have."""
-    every = x.coords if other is None else x.coords.merge(other.coords).coords
-    held = every.to_dataset()
+    coordinates = x.coords if other is None else x.coords.merge(other.coords).coords
+    held = coordinates.to_dataset()
     return held.drop_vars([name for name, c in held.variables.items() if not set(c.dims) <= set(dims)]).coords
 
 

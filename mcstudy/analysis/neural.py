@@ -37,8 +37,8 @@ def j_nc(fits: xr.Dataset, model: Model) -> xr.DataArray:
 def j_nc_within(fits: xr.Dataset, model: Model) -> xr.DataArray:
     """J_NC over the fitted frequencies only, those up to each Fmax (variable ``n_frequencies``)."""
     counts = fits["n_frequencies"].reset_coords(drop=True).rename(fmax="_n")
-    every = _errors(fits, model, counts)
-    layers = [every.isel(_n=i, fmax=i) for i in range(fits.sizes["fmax"])]
+    errors = _errors(fits, model, counts)
+    layers = [errors.isel(_n=i, fmax=i) for i in range(fits.sizes["fmax"])]
     out = xr.concat(layers, dim=fits["fmax"]).transpose(*(d for d in fits["estimate"].dims if d != "parameter"))
     return label(out, "error of the neural controllers at the fitted frequencies, J_NC").rename("j_nc_within")
 

@@ -77,8 +77,8 @@ def best(cube: xr.Dataset, allowed: xr.DataArray | None = None) -> xr.Dataset:
     if ERROR in cube and allowed is not None:  # they are those of the best of all starts
         first = _whole_starts(cube["cost"].where(usable(cube), np.inf)).argmin("start")
         out[ERROR] = cube[ERROR].where(any_ok & (index == first))
-    which = take(cube["start"].broadcast_like(index), index) if "start" in cube.coords else index
-    out["best_start"] = label(which.where(any_ok, -1).astype("int64"), "start of the best fit; -1 where none is usable")
+    start = take(cube["start"].broadcast_like(index), index) if "start" in cube.coords else index
+    out["best_start"] = label(start.where(any_ok, -1).astype("int64"), "start of the best fit; -1 where none is usable")
     out["usable_starts"] = label(ok.sum("start"), "usable starts")
     return relabelled(out, **_OF_THE_BEST)
 
@@ -128,7 +128,7 @@ def realizations(cube: xr.Dataset) -> xr.Dataset:
     diverged = ended & (status == int(Status.NON_FINITE_MODEL)).all("start")
     failed = ended & ~non_finite & ~diverged
     groups = {"used": used, "not_run": pending, "non_finite": non_finite, "diverged": diverged, "failed": failed}
-    counts = xr.Dataset({name: which.sum("realization") for name, which in groups.items()})
+    counts = xr.Dataset({name: member.sum("realization") for name, member in groups.items()})
     return labelled(counts, cube, "", ONE, **{name: (f"realizations {what}", ONE) for name, what in _ACCOUNT.items()})
 
 

@@ -39,7 +39,7 @@ def sensitivity(
     Ranges without any of ``f`` are left out; raises `InputError` when all are.
     """
     inside = {name: (f >= lo * (1 - _EDGE)) & (f <= hi * (1 + _EDGE)) for name, (lo, hi) in ranges.items()}
-    inside = {name: which for name, which in inside.items() if which.any()}
+    inside = {name: lines for name, lines in inside.items() if lines.any()}
     if not inside:
         raise InputError(f"frequency: none of the {f.size} frequencies lies in a range of {dict(ranges)}")
     P = theta.size
@@ -47,8 +47,8 @@ def sensitivity(
     for d, sign in enumerate((-1.0, 1.0)):
         varied = np.tile(theta, (P, 1))
         varied[np.arange(P), np.arange(P)] *= 1 + sign * change
-        for r, which in enumerate(inside.values()):
-            problem = paper_cost(model, f[which], frf(model, theta, f[which]))
+        for r, lines in enumerate(inside.values()):
+            problem = paper_cost(model, f[lines], frf(model, theta, f[lines]))
             value[r, d] = [problem.cost(v) for v in varied]
     out = xr.Dataset(
         {"value": (("range", "direction", "parameter"), value)},

@@ -16,34 +16,34 @@ FITS_A_SLAB = 500_000
 """Fits that are read at once: about 100 MB."""
 
 
-def in_slabs(cube: xr.Dataset, function: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
-    """``function(cube)`` in memory, for a function of each realization alone; a cube in memory is one slab.
+def in_slabs(cube: xr.Dataset, statistic: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
+    """``statistic(cube)`` in memory, for a function of each realization alone; a cube in memory is one slab.
 
-    Every variable of ``cube`` is read, so it should have no others than ``of`` needs. They are read before ``of`` is
+    Every variable of ``cube`` is read, so it should have no others than ``statistic`` needs. They are read before it is
     called: a lazy one takes many small steps for each of Dask's chunks.
     """
     parts = list(_slabs(cube))
-    first = function(cube.isel({REALIZATION: parts[0]}).compute())
+    first = statistic(cube.isel({REALIZATION: parts[0]}).compute())
     if len(parts) == 1:
         return first
     total = cube.sizes[REALIZATION]
-    whole = {name: _room(v, total) for name, v in first.variables.items() if REALIZATION in v.dims}
+    filled = {name: _room(v, total) for name, v in first.variables.items() if REALIZATION in v.dims}
     for part in parts:
-        slab = first if part == parts[0] else function(cube.isel({REALIZATION: part}).compute())
-        for name, (dims, values, _) in whole.items():
-            values[(*(slice(None),) * dims.index(REALIZATION), part)] = slab.variables[name].values
-    every = {name: whole.get(name, v) for name, v in first.variables.items()}
-    data = {name: every[name] for name in first.data_vars}
-    return xr.Dataset(data, {name: every[name] for name in first.coords}, first.attrs)
+        computed = first if part == parts[0] else statistic(cube.isel({REALIZATION: part}).compute())
+        for name, (dims, values, _) in filled.items():
+            values[(*(slice(None),) * dims.index(REALIZATION), part)] = computed.variables[name].values
+    variables = {name: filled.get(name, v) for name, v in first.variables.items()}
+    data = {name: variables[name] for name in first.data_vars}
+    return xr.Dataset(data, {name: variables[name] for name in first.coords}, first.attrs)
 
 
-def summed(cube: xr.Dataset, function: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
-    """``function(cube)`` in memory, for counts over the realizations: the sum of those of all slabs. See `in_slabs`."""
+def summed(cube: xr.Dataset, statistic: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
+    """``statistic(cube)`` in memory, for counts over the realizations: the sum over all slabs. See `in_slabs`."""
     total: xr.Dataset | None = None
     with xr.set_options(keep_attrs=True):
         for part in _slabs(cube):
-            slab = function(cube.isel({REALIZATION: part}).compute())
-            total = slab if total is None else total + slab
+            computed = statistic(cube.isel({REALIZATION: part}).compute())
+            total = computed if total is None else total + computed
     assert total is not None  # there is one slab at least
     return total
 

@@ -80,7 +80,9 @@ CELL_STATISTICS = (
         page="on no bound (%)",
         factor=100.0,
     ),
-    CellStatistic(key="median_cost", function="mcstudy.analysis.robust:median_cost", head="cost", error=False),
+    CellStatistic(
+        key="median_cost", function="mcstudy.analysis.order_statistics:median_cost", head="cost", error=False
+    ),
     CellStatistic(key="median_j_nc", function="mcstudy.analysis.neural:median_j_nc", head="J_NC", error=False),
 )
 """In the order of the columns."""

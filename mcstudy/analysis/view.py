@@ -50,12 +50,12 @@ class GroupView:
     def cells(self) -> xr.Dataset:
         """Best start of every cell."""
 
-        def of(cube: xr.Dataset) -> xr.Dataset:
+        def best_needed(cube: xr.Dataset) -> xr.Dataset:
             cells = best(cube)
             return cells[[n for n in _NEEDED if n in cells]]
 
         read = self.cube[[n for n in _NEEDED if n in self.cube]]
-        return in_slabs(read, of).assign_coords(frequency=self.cube["frequency"])
+        return in_slabs(read, best_needed).assign_coords(frequency=self.cube["frequency"])
 
     @cached_property
     def combined(self) -> xr.Dataset | None:
@@ -112,11 +112,7 @@ class GroupView:
     @cached_property
     def counts(self) -> xr.Dataset:
         """Numbers of fits (``fits``, see `mcstudy.analysis.selection.outcomes`) and of `realizations` by outcome."""
-
-        def of(cube: xr.Dataset) -> xr.Dataset:
-            return realizations(cube).assign(fits=outcomes(cube))
-
-        return summed(self.cube[["cost", "status"]], of)
+        return summed(self.cube[["cost", "status"]], lambda cube: realizations(cube).assign(fits=outcomes(cube)))
 
     @cached_property
     def needed(self) -> xr.Dataset:
@@ -140,13 +136,13 @@ class GroupView:
         )
         return [f"{field} = {value}" for field, value in ours.items() if field in theirs and theirs[field] != value]
 
-    def fmax(self, wanted: float) -> float | None:
+    def fmax(self, value: float) -> float | None:
         """The group's Fmax nearest to ``wanted``, or None."""
-        return nearest(self.cube["fmax"].values, wanted)
+        return nearest(self.cube["fmax"].values, value)
 
-    def amplitude(self, wanted: float) -> float | None:
+    def amplitude(self, value: float) -> float | None:
         """The group's amplitude nearest to ``wanted``, or None."""
-        return nearest(self.cube["amplitude"].values, wanted)
+        return nearest(self.cube["amplitude"].values, value)
 
     def within(self, fmax: float, f: np.ndarray) -> np.ndarray:
         """Which of the frequencies ``f`` (Hz) a fit up to ``fmax`` uses."""
@@ -155,8 +151,8 @@ class GroupView:
 
     def at(self, cells: xr.Dataset, fmax: Sequence[float], amplitude: Sequence[float]) -> xr.Dataset:
         """``cells`` at those Fmax and amplitudes, relabelled with exactly the values asked for."""
-        wanted = {"fmax": [self.fmax(f) for f in fmax], "amplitude": [self.amplitude(a) for a in amplitude]}
-        chosen = cells.isel({dim: _run(cells.get_index(dim).get_indexer(values)) for dim, values in wanted.items()})
+        coordinates = {"fmax": [self.fmax(f) for f in fmax], "amplitude": [self.amplitude(a) for a in amplitude]}
+        chosen = cells.isel({dim: _run(cells.get_index(dim).get_indexer(x)) for dim, x in coordinates.items()})
         return chosen.assign_coords(fmax=list(fmax), amplitude=list(amplitude))
 
 

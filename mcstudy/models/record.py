@@ -230,6 +230,8 @@ class ModelTable(Short):
                     f"{table.value!r}"
                 )
             terms.append(OutputTerm(signals[powers[0][0]], coefficient, order))
+        if not any(t.coefficient for t in terms):
+            raise DesignError(f"{where}.value: expected a sum of {', '.join(signals)}, got nothing: {table.value!r}")
         return Output(table.name, tuple(terms), self.unit if table.unit is None else table.unit)
 
     def _filter(self, table: FilterTable, known: Mapping[str, float], names: set[str]) -> Filter:
@@ -411,7 +413,7 @@ def _check_names(table: ModelTable) -> None:
         for name in names:
             if name in taken:
                 raise DesignError(f"{what}.{name}: expected a name of its own, got one that is {taken[name]}, too")
-            taken[name] = f"a {what}"
+            taken[name] = f"{'an' if what[0] in 'aeiou' else 'a'} {what}"
     for angle in table.angles:
         if table.angles.count(angle) > 1 or (angle in taken and angle not in table.joints):
             raise DesignError(f"angles: expected names of their own, got {angle!r} twice")

@@ -43,16 +43,16 @@ def design_page(design: StimulusDesignRecord, command: str = "mcstudy design FIL
 
 def _introduction(design: StimulusDesignRecord) -> Markup:
     kept = geometric_mean(design.bounded_cv[0] / design.bounded_cv[1])
-    one, other = design.sizes
+    sequence, designed = design.sizes
     entries = [("Predicted SD lower by", f"×{kept:.3g}", "geometric mean, with the bounds of the fit.")]
     if design.spreads:
         s = design.spreads_at_fmax
         remark = f"bounded fits up to {s.fmax:g} Hz, {s.n} realizations, ± one MCSE."
         entries.append(("Found SD lower by", f"×{with_error(s.mean, s.mean_error)}", remark))
     entries += [
-        ("RMS of the stimulus", f"×{number(other.rms / one.rms)}", "of the sequence's."),
-        ("Evoked sway", f"×{number(float(np.max(other.sway / one.sway)))}", "of the sequence's, the larger angle."),
-        ("Crest factor", number(other.crest_factor), f"the sequence has {number(one.crest_factor)}."),
+        ("RMS of the stimulus", f"×{number(designed.rms / sequence.rms)}", "of the sequence's."),
+        ("Evoked sway", f"×{number(np.max(designed.sway / sequence.sway))}", "of the sequence's, the larger angle."),
+        ("Crest factor", number(designed.crest_factor), f"the sequence has {number(sequence.crest_factor)}."),
     ]
     return paragraphs([words.heading(design)]) + tiles(entries)
 
@@ -101,22 +101,22 @@ def waveform(design: StimulusDesignRecord, ax: Axes | None = None) -> Axes:
 
 
 def _errors(design: StimulusDesignRecord, command: str) -> Markup:
-    found = design.spreads_at_fmax if design.spreads else None
+    spreads = design.spreads_at_fmax if design.spreads else None
     drawings = [("predicted, with the bounds of the fit", design.bounded_cv)]
-    if found is not None:
-        drawings.append((f"bounded fits up to {found.fmax:g} Hz", found.cv))
+    if spreads is not None:
+        drawings.append((f"bounded fits up to {spreads.fmax:g} Hz", spreads.cv))
     panels = [Panel(title, partial(cv_bars, design, cv, title=title), (4.3, 5.0), "x") for title, cv in drawings]
-    both = [*design.bounded_cv, *(found.cv if found is not None else ())]
+    cvs = [*design.bounded_cv, *(spreads.cv if spreads is not None else ())]
     header = ["", "predicted: sequence", "design", "lower by"]
     rows = [
         [name, *words.compared(sequence, other, "×")]
-        for name, sequence, other in zip(design.names, *both[:2], strict=True)
+        for name, sequence, other in zip(design.names, *cvs[:2], strict=True)
     ]
-    if found is not None:
+    if spreads is not None:
         header += ["fits: sequence", "design", "lower by (± MCSE)"]
         for k, row in enumerate(rows):
-            row += [words.percent(cv[k]) for cv in found.cv]
-            row.append(f"×{with_error(found.ratio[k], found.ratio_error[k])}")
+            row += [words.percent(cv[k]) for cv in spreads.cv]
+            row.append(f"×{with_error(spreads.ratio[k], spreads.ratio_error[k])}")
     drawn = Figure(
         "cv",
         "Coefficients of variation",

@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from mcstudy.analysis.published.publication import ALONE, Counterpart
+from mcstudy.analysis.publications.publication import ALONE, Counterpart
 from mcstudy.report.frame import left_margin, share
 from mcstudy.report.html import html, joined, templates
 from mcstudy.report.readings import as_json
@@ -130,10 +130,10 @@ def _pictures(
 def _share(panels: Sequence[Panel], axes: Sequence[Axes]) -> None:
     alike: dict[tuple[str, str], list[Axes]] = {}
     for p, ax in zip(panels, axes, strict=True):
-        for which in p.share:
-            alike.setdefault((which, ax.get_xlabel() if which == "x" else ax.get_ylabel()), []).append(ax)
-    for (which, _), members in alike.items():
-        share(members, which)
+        for axis in p.share:
+            alike.setdefault((axis, ax.get_xlabel() if axis == "x" else ax.get_ylabel()), []).append(ax)
+    for (axis, _), members in alike.items():
+        share(members, axis)
 
 
 def missing(items: Iterable[Missing], counterparts: Mapping[str, Counterpart] | None = None) -> Markup:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from mcstudy.analysis.kept import looking
+from mcstudy.analysis.cache import looking
 from mcstudy.files.local_path import local_path
 from mcstudy.study.cube.replacement import settled
 
@@ -19,7 +19,7 @@ def page(path: str | Path, beside: Sequence[Path] = ()) -> str:
 
     ``beside``: alternatives to show too, each a cube or a file that an installed publication reads.
 
-    It is drawn once and kept (`mcstudy.analysis.kept`), unless it shows alternatives.
+    It is drawn once and kept (`mcstudy.analysis.cache`), unless it shows alternatives.
     Raises `StoreError` for a file that is neither, `InputError` where matplotlib is missing.
     """
     path = local_path(path)

@@ -30,25 +30,25 @@ BAND, TARGET = COLOURS["orange"], COLOURS["blue"]
 POINTS = 81
 
 
-def solution_page(found: SolutionRecord, command: str = "mcstudy solve STUDY --html page.html") -> str:
+def solution_page(solution: SolutionRecord, command: str = "mcstudy solve STUDY --html page.html") -> str:
     """The page of a solution; ``command``: the command that makes this page, as displayed on it."""
     parts = [
-        ("measures", "Measures and target", _measures(found, command)),
-        ("spent", "Designs that were fitted", _fitted(found)),
+        ("measures", "Measures and target", _measures(solution, command)),
+        ("spent", "Designs that were fitted", _fitted(solution)),
         ("made", "Provenance", commands(command)),
     ]
     footer = (
         "Intervals are of 95 %. They cover the Monte Carlo error and that of the local model, not errors of the model "
         "of the body."
     )
-    return document(f"The cheapest design: {found.study.study.name}", _introduction(found), parts, footer)
+    return document(f"The cheapest design: {solution.study.study.name}", _introduction(solution), parts, footer)
 
 
-def _introduction(found: SolutionRecord) -> Markup:
-    d, answer = found.nearest, found.answer
+def _introduction(solution: SolutionRecord) -> Markup:
+    d, answer = solution.nearest, solution.answer
     entries = [
-        ("Cheapest design" if answer else "Nearest design", f"{d.cycles} cycles", f"{_seconds(found)} s recorded."),
-        ("Amplitude", f"{d.amplitude:g} {words.stimulus_unit(found)}", _interval(found, "amplitude")),
+        ("Cheapest design" if answer else "Nearest design", f"{d.cycles} cycles", f"{_seconds(solution)} s recorded."),
+        ("Amplitude", f"{d.amplitude:g} {words.stimulus_unit(solution)}", _interval(solution, "amplitude")),
         ("Highest frequency", f"{d.fmax:g} Hz", "of the fits."),
         *(
             (
@@ -56,27 +56,27 @@ def _introduction(found: SolutionRecord) -> Markup:
                 f"{number(r.value)} {r.target.unit}",
                 f"{number(r.low)} to {number(r.high)}; target at most {words.limit_text(r)}.",
             )
-            for r in found.readings
+            for r in solution.readings
         ),
-        ("Fits", f"{found.spent.fits:,}".replace(",", "\u202f"), "spent by the search."),
+        ("Fits", f"{solution.spent.fits:,}".replace(",", "\u202f"), "spent by the search."),
     ]
-    return paragraphs([words.statement(found)]) + tiles(entries)
+    return paragraphs([words.statement(solution)]) + tiles(entries)
 
 
-def _seconds(found: SolutionRecord) -> str:
-    return f"{found.nearest.cycles * found.space.period_s:.4g}"
+def _seconds(solution: SolutionRecord) -> str:
+    return f"{solution.nearest.cycles * solution.space.period_s:.4g}"
 
 
-def _interval(found: SolutionRecord, axis: str) -> str:
-    if axis not in found.interval:
-        return "as in the study." if axis not in found.space.over else "the nearest to the target."
-    low, high = found.interval[axis]
+def _interval(solution: SolutionRecord, axis: str) -> str:
+    if axis not in solution.interval:
+        return "as in the study." if axis not in solution.space.over else "the nearest to the target."
+    low, high = solution.interval[axis]
     return f"95 % interval {low:.4g} to {high:.4g}."
 
 
-def _measures(found: SolutionRecord, command: str) -> Markup:
-    shown = table(words.readings_table(found), "rows")
-    axis, arm = leading(found.space), found.arm
+def _measures(solution: SolutionRecord, command: str) -> Markup:
+    shown = table(words.readings_table(solution), "rows")
+    axis, arm = leading(solution.space), solution.arm
     if axis is None or arm is None:
         return shown
     drawn = Figure(
@@ -87,18 +87,18 @@ def _measures(found: SolutionRecord, command: str) -> Markup:
             "Dashed: the target. Blue band: 95 % interval of the answer. Designs with other values on the other axes "
             "are left out.",
         ],
-        [Panel(t.name, partial(measure_along, found, k)) for k, t in enumerate(arm.targets)],
+        [Panel(t.name, partial(measure_along, solution, k)) for k, t in enumerate(arm.targets)],
         python="found.to_html('page.html')",
     )
     return figure(drawn, command) + shown
 
 
-def measure_along(found: SolutionRecord, k: int, ax: Axes | None = None) -> Axes:
+def measure_along(solution: SolutionRecord, k: int, ax: Axes | None = None) -> Axes:
     """The measure of target ``k`` along the leading axis, with its limit and the interval of the answer."""
-    ax, axis, arm = axes(ax), leading(found.space), found.arm
+    ax, axis, arm = axes(ax), leading(solution.space), solution.arm
     assert axis is not None
     assert arm is not None
-    target, curve = arm.targets[k], curve_of(found, arm, axis, k)
+    target, curve = arm.targets[k], curve_of(solution, arm, axis, k)
     low, middle, high = curve.curves
     ax.fill_between(curve.values, low, high, color=BAND, alpha=0.2, linewidth=0)
     ax.plot(curve.values, middle, color=BAND, label="local model")
@@ -107,10 +107,10 @@ def measure_along(found: SolutionRecord, k: int, ax: Axes | None = None) -> Axes
     ax.plot(*(zip(*((at, v) for at, v, _ in curve.looks), strict=True)), "o", color=COLOURS["ink"], label="fitted")
     for limit in (target.limit, -target.limit) if target.measure.signed else (target.limit,):
         ax.axhline(limit, color=TARGET, linestyle=DASHES[1], label="target" if limit > 0 else None)
-    for crossing in found.answer.crossings if found.answer else ():
+    for crossing in solution.answer.crossings if solution.answer else ():
         if crossing.axis == axis:
             ax.axvspan(crossing.low, crossing.high, color=TARGET, alpha=0.15, linewidth=0)
-    unit = f" ({with_units(words.stimulus_unit(found))})" if axis == "amplitude" else ""
+    unit = f" ({with_units(words.stimulus_unit(solution))})" if axis == "amplitude" else ""
     ax.set_xlabel(f"{axis}{unit}")
     ax.set_ylabel(f"{target.name} ({with_units(target.unit)})")
     ax.set_xlim(curve.values[0], curve.values[-1])
@@ -120,8 +120,8 @@ def measure_along(found: SolutionRecord, k: int, ax: Axes | None = None) -> Axes
     return ax
 
 
-def _fitted(found: SolutionRecord) -> Markup:
-    return paragraphs([words.spent_words(found)]) + joined(map(table, words.search_tables(found)))
+def _fitted(solution: SolutionRecord) -> Markup:
+    return paragraphs([words.spent_words(solution)]) + joined(map(table, words.search_tables(solution)))
 
 
 @dataclass(frozen=True)
@@ -139,10 +139,10 @@ class Curve:
     looks: list[tuple[float, float, float]]
 
 
-def curve_of(found: SolutionRecord, arm: Arm, axis: str, k: int) -> Curve:
+def curve_of(solution: SolutionRecord, arm: Arm, axis: str, k: int) -> Curve:
     """The measure of target ``k`` along ``axis``."""
-    target, d = arm.targets[k], found.nearest
-    low, high = map(float, found.space.cycles if axis == CYCLES else found.space.amplitude)
+    target, d = arm.targets[k], solution.nearest
+    low, high = map(float, solution.space.cycles if axis == CYCLES else solution.space.amplitude)
     values = np.geomspace(low, high, POINTS)
     cycles = values if axis == CYCLES else np.full(POINTS, float(d.cycles))
     amplitude = np.full(POINTS, d.amplitude) if axis == CYCLES else values
@@ -164,9 +164,9 @@ def _along(cycles: int, amplitude: float, axis: str, at: Design) -> float | None
     return amplitude if cycles == at.cycles else None
 
 
-def solution_picture(found: SolutionRecord) -> Picture:
+def solution_picture(solution: SolutionRecord) -> Picture:
     """The measure of every target along the leading axis; without such an axis, the picture says so."""
-    arm, title = found.arm, f"{found.study.study.name}. Blue: target, and 95 % interval of the answer."
-    if arm is None or leading(found.space) is None:
+    arm, title = solution.arm, f"{solution.study.study.name}. Blue: target, and 95 % interval of the answer."
+    if arm is None or leading(solution.space) is None:
         return picture([lambda ax: ax.set_axis_off()], "No axis along which a measure could be drawn.")
-    return picture([partial(measure_along, found, k) for k in range(len(arm.targets))], title)
+    return picture([partial(measure_along, solution, k) for k in range(len(arm.targets))], title)

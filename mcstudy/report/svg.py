@@ -63,8 +63,8 @@ def style() -> AbstractContextManager[None]:
 
     Once for all panels of a figure: matplotlib checks each of three hundred settings, twice.
     """
-    own = {"backend": matplotlib.rcParams["backend"], **SETTINGS, "figure.constrained_layout.use": False}
-    return matplotlib.rc_context({**matplotlib.rcParamsDefault, **own, "axes.titley": 1.0})
+    settings = {"backend": matplotlib.rcParams["backend"], **SETTINGS, "figure.constrained_layout.use": False}
+    return matplotlib.rc_context({**matplotlib.rcParamsDefault, **settings, "axes.titley": 1.0})
 
 
 def inline(text: str, key: str, title: str, described_by: str, below: str = "") -> str:

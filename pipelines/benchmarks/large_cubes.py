@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from mcstudy.analysis import kept
+from mcstudy.analysis import cache
 from mcstudy.study.cube.store import Cube
 from mcstudy.study.study_file import parse_study
 from pipelines.benchmarks.cases import study_text
@@ -28,7 +28,7 @@ def run(sizes: Sizes) -> Result:
             first, again = (run_command(*mcstudy("show", cube)) for _ in range(2))
             if first.output != again.output:
                 raise RuntimeError(f"{wanted} fits: the second look printed something else than the first")
-            shutil.rmtree(kept.folder(cube))
+            shutil.rmtree(cache.folder(cube))
             report = run_command(*mcstudy("report", cube, "-o", Path(name) / "page.html"))
             result.table.append(
                 {

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcstudy.analysis import kept
+from mcstudy.analysis import cache
 from pipelines.benchmarks.large_cubes import write_cube
 from pipelines.benchmarks.measure import Usage, mcstudy, run_command
 from pipelines.benchmarks.report import Result, Sizes
@@ -97,16 +97,16 @@ def _looks(sizes: Sizes, folder: Path) -> dict[str, Look]:
     recording, left, new = folder / "ankle.nc", folder / "left", folder / "new.zarr"
     run_command(*mcstudy("run", study, "-o", cube))
     run_command(*mcstudy("simulate", "-o", recording, "--effect", "passive_damping_ankle=40", "--seed", "4"))
-    if kept.folder(cube).exists():  # a short study leaves none
-        shutil.copytree(kept.folder(cube), left)
+    if cache.folder(cube).exists():  # a short study leaves none
+        shutil.copytree(cache.folder(cube), left)
 
     def nothing() -> None:
-        shutil.rmtree(kept.folder(cube), ignore_errors=True)
+        shutil.rmtree(cache.folder(cube), ignore_errors=True)
 
     def as_left_by_the_run() -> None:
         nothing()
         if left.exists():
-            shutil.copytree(left, kept.folder(cube))
+            shutil.copytree(left, cache.folder(cube))
 
     def no_cube() -> None:
         shutil.rmtree(new, ignore_errors=True)
@@ -139,7 +139,7 @@ def _looks(sizes: Sizes, folder: Path) -> dict[str, Look]:
         write_cube(large, fits)
 
         def forget(large: Path = large) -> None:
-            shutil.rmtree(kept.folder(large), ignore_errors=True)
+            shutil.rmtree(cache.folder(large), ignore_errors=True)
 
         goal = 20.0 if fits >= 1_000_000 else None
         looks[f"report of {fits} fits"] = Look(mcstudy("report", large, "-o", page), (*STATISTICS, *PAGE), goal, forget)

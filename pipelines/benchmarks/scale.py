@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from mcstudy.analysis import kept
+from mcstudy.analysis import cache
 from mcstudy.study.design import Study
 from mcstudy.study.extent import extent
 from mcstudy.study.study_file import parse_study
@@ -70,7 +70,7 @@ def _measured(folder: Path, wanted: int) -> dict[str, float]:
     for verb in VERBS:
         if f"{verb}_cpu_s" in row:
             continue
-        shutil.rmtree(kept.folder(out), ignore_errors=True)  # a first look
+        shutil.rmtree(cache.folder(out), ignore_errors=True)  # a first look
         used = run_command(*commands[verb])
         row |= {f"{verb}_cpu_s": used.cpu, f"{verb}_peak_bytes": used.peak}
         file.write_text(json.dumps(row))

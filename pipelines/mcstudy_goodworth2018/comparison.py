@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.analysis.published.publication import Publication, Row
+from mcstudy.analysis.publications.publication import Publication, Row
 from mcstudy.analysis.show.text import ours
 from mcstudy.text_tables import Table
 from mcstudy_goodworth2018.counterparts import COUNTERPARTS, HEADLINE

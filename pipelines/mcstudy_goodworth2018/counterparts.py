@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mcstudy.analysis.published.publication import Counterpart
+from mcstudy.analysis.publications.publication import Counterpart
 from mcstudy_goodworth2018.paper.published import FMAX_HZ, METHODS
 
 _RMS = " and ".join(f"about {x:g}°" for x in METHODS["noise-evoked sway RMS"][0])

@@ -17,6 +17,12 @@ STUDY = """
 name = "layout"
 seed = 0
 
+[model]
+joints = ["joint"]
+term = [{ order = 2 }, { gain = "B", order = 1, noisy = true }, { sense = "stimulus" }]
+parameter = [{ name = "B", value = 1.0 }]
+output = [{ name = "output", value = "2*joint" }]
+
 [group.all_arrays]
 realizations = 1
 starts = "until certain"
@@ -26,8 +32,8 @@ store.standard_errors = true
 """
 """A study whose group has every array."""
 
-OPTIONAL = ("noise_covariance", "standard_error")
-"""Arrays that some groups lack: without noise, and unless asked for."""
+OPTIONAL = ("noise_covariance", "standard_error", "angle_unit")
+"""Arrays that some groups lack: without noise, unless asked for, without declared outputs."""
 
 BY_GROUP = {
     "amplitude": {"units": {"type": "string"}, "convention": {"enum": ["peak", "peak_to_peak"]}},

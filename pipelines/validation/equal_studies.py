@@ -20,10 +20,10 @@ from mcstudy_goodworth2018.paper.statements import RESULTS
 from mcstudy_goodworth2018.paper.values import fit_values
 
 import mcstudy as mc
-from mcstudy.analysis.published.sampling import Value, pooled
-from mcstudy.analysis.published.statement import Published
-from mcstudy.analysis.published.verdict import judge
-from mcstudy.analysis.published.verdict_names import AGREES, DIFFERS
+from mcstudy.analysis.publications.sampling import Value, pooled
+from mcstudy.analysis.publications.statement import Published
+from mcstudy.analysis.publications.verdict import judge
+from mcstudy.analysis.publications.verdict_names import AGREES, DIFFERS
 from mcstudy.analysis.view import GroupView
 
 GROUP, SEED = "accuracy", 990017
@@ -51,7 +51,7 @@ def quoted(statement: Published, value: float) -> Published:
 
 def together(values: Sequence[Value]) -> Value:
     """One larger study made of several."""
-    numbers, errors = (np.array([getattr(v, name) for v in values]) for name in ("value", "one"))
+    numbers, errors = (np.array([getattr(v, name) for v in values]) for name in ("value", "study_error"))
     return pooled(numbers, errors, REALIZATIONS, REALIZATIONS)
 
 

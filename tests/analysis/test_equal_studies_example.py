@@ -9,7 +9,7 @@ import pytest
 from examples import module
 from mcstudy_goodworth2018.paper.statements import RESULTS
 
-from mcstudy.analysis.published.sampling import Value
+from mcstudy.analysis.publications.sampling import Value
 
 
 @pytest.fixture(scope="module", name="example")

@@ -8,7 +8,7 @@ import xarray as xr
 from mcstudy_goodworth2018.paper import accuracy_rows, model_rows, published
 from mcstudy_goodworth2018.paper.values import cells_of, fit_values, relation_values
 
-from mcstudy.analysis.published import sampling
+from mcstudy.analysis.publications import sampling
 from mcstudy.stance.body import two_segment
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.stance.simulate_spectral import NoiseSway
@@ -64,8 +64,8 @@ def test_a_larger_study_is_the_mean_over_blocks_of_the_papers_size() -> None:
         one = [p[key] for p in parts]
         assert found.value == pytest.approx(np.mean([p.value for p in one])), key
         assert (found.n, found.blocks) == (150, 3)
-        assert found.one == pytest.approx(np.sqrt(np.mean([p.one**2 for p in one]))), key
-        assert found.mcse == pytest.approx(found.one / np.sqrt(3))
+        assert found.study_error == pytest.approx(np.sqrt(np.mean([p.study_error**2 for p in one]))), key
+        assert found.mcse == pytest.approx(found.study_error / np.sqrt(3))
 
 
 @pytest.mark.parametrize("at_once", [1, 3])
@@ -79,7 +79,7 @@ def test_blocks_in_slabs_give_what_all_blocks_together_give(at_once: int, monkey
     assert list(again) == list(whole)
     for key, value in whole.items():
         assert (again[key].n, again[key].blocks, again[key].detail) == (value.n, 4, value.detail)
-        found = [(v.value, v.mcse, v.one) for v in (again[key], value)]
+        found = [(v.value, v.mcse, v.study_error) for v in (again[key], value)]
         np.testing.assert_allclose(*found, rtol=1e-11)
 
 
@@ -95,14 +95,14 @@ def test_the_error_of_one_study_is_the_scatter_between_equal_studies() -> None:
     studies = [fit_values(cells_of(estimates(50, seed=s), TRUTH, NAMES)) for s in range(60)]
     for key in keys:
         scatter = np.std([s[key].value for s in studies], ddof=1)
-        stated = np.sqrt(np.mean([s[key].one ** 2 for s in studies]))
+        stated = np.sqrt(np.mean([s[key].study_error ** 2 for s in studies]))
         assert 0.7 < stated / scatter < 1.5, key  # sampling error of a standard deviation from 60: 9 %
 
 
 def test_fewer_realizations_than_the_papers_say_so_and_their_error_is_scaled() -> None:
     found = fit_values(cells_of(estimates(10), TRUTH, NAMES))["spread_fmax"]
     assert (found.n, found.blocks) == (10, 1)
-    assert found.one == pytest.approx(found.mcse / np.sqrt(5))
+    assert found.study_error == pytest.approx(found.mcse / np.sqrt(5))
 
 
 def test_rows_that_need_more_than_the_arrays_hold_are_absent() -> None:

@@ -15,8 +15,8 @@ from mcstudy_goodworth2018.paper.statements import RESULTS
 
 import mcstudy.analysis.accessor  # noqa: F401 - registers .mc
 from mcstudy.analysis import montecarlo
-from mcstudy.analysis.published import sampling
-from mcstudy.analysis.published.verdict_names import DIFFERS
+from mcstudy.analysis.publications import sampling
+from mcstudy.analysis.publications.verdict_names import DIFFERS
 from mcstudy.analysis.show.tables import Report, report_of
 from mcstudy.analysis.show.text import within
 from mcstudy.analysis.view import StudyView

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcstudy.analysis.published.sampling import Value
-from mcstudy.analysis.published.statement import Criterion, Published
-from mcstudy.analysis.published.verdict import DEFINITION, OURS, THEIRS, Verdict, judge
-from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL, DIFFERS
+from mcstudy.analysis.publications.sampling import Value
+from mcstudy.analysis.publications.statement import Criterion, Published
+from mcstudy.analysis.publications.verdict import DEFINITION, OURS, THEIRS, Verdict, judge
+from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL, DIFFERS
 
 
 def statement(value: float = 10.0, criterion: Criterion = "equal", **more: float) -> Published:

@@ -8,10 +8,10 @@ from changes import Copy
 from tiny_studies import EIGHT_FITS
 
 PUBLICATION = """
-from mcstudy.analysis.published.publication import Publication, Row
-from mcstudy.analysis.published.sampling import Value
-from mcstudy.analysis.published.statement import Published
-from mcstudy.analysis.published.verdict import judge
+from mcstudy.analysis.publications.publication import Publication, Row
+from mcstudy.analysis.publications.sampling import Value
+from mcstudy.analysis.publications.statement import Published
+from mcstudy.analysis.publications.verdict import judge
 
 STATEMENT = Published("n", "fits of every study", "1", 8.0, "8", "Table 1", margin=1.0, n=0)
 

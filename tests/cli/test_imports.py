@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import mcstudy as mc
-from mcstudy.analysis import kept
+from mcstudy.analysis import cache
 
 SCRIPT = """
 import sys
@@ -44,7 +44,7 @@ def test_status_reads_a_cube_without_any_library_of_arrays_but_numpy(two_chunks:
 
 
 def test_a_first_show_imports_no_library_of_statistics_and_a_second_none_of_numbers(two_chunks: Path) -> None:
-    shutil.rmtree(kept.folder(two_chunks), ignore_errors=True)
+    shutil.rmtree(cache.folder(two_chunks), ignore_errors=True)
     first = imported("show", str(two_chunks))
     assert "xarray" in first
     assert not first & {"distributed", "scipy.stats", "scipy.optimize", "matplotlib"}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from commands import told
 
-from mcstudy.analysis import kept, results
+from mcstudy.analysis import cache, results
 from mcstudy.analysis.show import tables
 from mcstudy.cli import main
 from mcstudy.cli import outcome as run_end
@@ -34,7 +34,7 @@ def test_the_first_look_after_a_run_computes_nothing(
 
 def test_a_study_that_runs_in_no_time_is_not_made_longer(words: list[str], tmp_path: Path) -> None:
     assert main(words) == Exit.DONE
-    assert not kept.folder(tmp_path / "tiny.zarr").exists()
+    assert not cache.folder(tmp_path / "tiny.zarr").exists()
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,9 @@ def test_what_python_and_editors_leave_is_no_change(copy: Path) -> None:
 
 def test_the_source_is_that_of_the_files() -> None:
     assert program.unchanged()
-    assert {"errors.py", "report/page.css", "results_schema/1.0.0/show.json", "analysis/kept.py"} < set(program.STARTED)
+    assert {"errors.py", "report/page.css", "results_schema/1.0.0/show.json", "analysis/cache.py"} < set(
+        program.STARTED
+    )
     everything, computing = program.source(), program.source(program.computing())
     assert everything != computing
     assert not {"api", "cli", "report", "results_schema"} & set(program.computing())

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from matplotlib.axes import Axes
 
-from mcstudy.analysis.published.publication import Counterpart
+from mcstudy.analysis.publications.publication import Counterpart
 from mcstudy.report.figure import Figure, Panel, figure
 from mcstudy.report.frame import frame, place
 from mcstudy.report.svg import drawn, style

@@ -140,12 +140,12 @@ def starts_needed(
             "starts": pool["starts"],
         }
     )
-    certainty = f"for {100 * confidence:g} % certainty"
+    target = f"for {100 * confidence:g} % certainty"
     return labelled(
         out,
         cube,
-        f"new starts needed {certainty}",
-        from_pool=(f"starts needed {certainty}, drawn from the pool without replacement", ONE),
+        f"new starts needed {target}",
+        from_pool=(f"starts needed {target}, drawn from the pool without replacement", ONE),
         missed=(MISSED, ONE),
         missed_upper=(f"upper end of the 95 % interval of the {MISSED}", ONE),
         hit_rate=("fraction of starts that reached the lowest cost of the pool", ONE),

@@ -77,10 +77,10 @@ def _curves(cost: np.ndarray, drawn: tuple[int, ...]) -> tuple[np.ndarray, np.nd
     mean, sd = (np.full((len(pools), len(drawn)), np.nan) for _ in range(2))
     for n in np.unique(held[held > 0]):
         rows = np.flatnonzero(held == n)
-        costs, weights = pools[rows, :n], weights_without_replacement(int(n), drawn)
-        mean[rows] = costs @ weights.T
+        pool, weights = pools[rows, :n], weights_without_replacement(int(n), drawn)
+        mean[rows] = pool @ weights.T
         for i, w in enumerate(weights):
-            sd[rows, i] = np.sqrt((costs - mean[rows, i, None]) ** 2 @ w)
+            sd[rows, i] = np.sqrt((pool - mean[rows, i, None]) ** 2 @ w)
     shape = (*cost.shape[:-1], len(drawn))
     return mean.reshape(shape), sd.reshape(shape)
 
@@ -180,10 +180,10 @@ def _asymptote_of_pools(
     weights = np.vstack([np.full((1, n), 1 / n), resampled])
     there = excess(weights @ mean, weights @ minimum, floor) <= tolerance
     first = np.where(there.any(1), drawn[np.argmax(there, axis=1)], np.nan)
-    found = first[1:][np.isfinite(first[1:])]
+    needed = first[1:][np.isfinite(first[1:])]
     # one pool does not show the variation between pools; if the bootstrap often has no solution, its spread is unknown
-    if n < 2 or found.size < 0.9 * resamples:
+    if n < 2 or needed.size < 0.9 * resamples:
         return float(first[0]), np.nan, np.nan, np.nan
     tail = (1 - confidence) / 2
-    lower, upper = np.quantile(found, [tail, 1 - tail])
-    return float(first[0]), max(float(found.std(ddof=1)), ROUNDING), float(lower), float(upper)
+    lower, upper = np.quantile(needed, [tail, 1 - tail])
+    return float(first[0]), max(float(needed.std(ddof=1)), ROUNDING), float(lower), float(upper)

@@ -27,17 +27,17 @@ def _of_cells(view: GroupView) -> Iterator[tuple[str, str]]:
     on_bound = ~inside_bounds(view.cells) & used
     for fmax in view.group.fmax:
         for amplitude in view.group.amplitude:
-            here = {"amplitude": amplitude, "fmax": fmax}
+            cell = {"amplitude": amplitude, "fmax": fmax}
             name = f"{amplitude:g} {view.model.stimulus_unit}, Fmax {fmax:g} Hz"
-            n = int(used.sel(here).sum())
+            n = int(used.sel(cell).sum())
             if n == 0:
                 yield "No usable fit", name
                 continue
             if n < LEAST:
                 yield f"No Monte Carlo errors{' and no spread' * (n == 1)} from so few realizations", f"{name} ({n})"
-            if view.noisy and bool(on_bound.sel(here).sum() == n):
+            if view.noisy and bool(on_bound.sel(cell).sum() == n):
                 yield "Every best fit ends on some bound, so the Cramér-Rao bound does not apply", name
-            if view.bounds_on_sd is not None and (why := str(view.bounds_on_sd["why_not"].sel(here).item())):
+            if view.bounds_on_sd is not None and (why := str(view.bounds_on_sd["why_not"].sel(cell).item())):
                 yield f"No Cramér-Rao bound ({why})", name
             elif view.bounds_on_sd is None and view.noisy:
                 yield "No Cramér-Rao bound (a noise covariance is missing or not finite)", name

@@ -8,12 +8,12 @@ from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis import accuracy, robust, selection
+from mcstudy.analysis import accuracy, order_statistics, selection
 from mcstudy.analysis.compare import MEASURES, Comparison, comparisons, comparisons_with
 from mcstudy.analysis.efficiency import efficiency
 from mcstudy.analysis.montecarlo import PlainStatistic, jackknives
 from mcstudy.analysis.performance import WITH_ERRORS, performance
-from mcstudy.analysis.published.publication import Row, compared
+from mcstudy.analysis.publications.publication import Row, compared
 from mcstudy.analysis.search.convergence import starts_needed_quantiles
 from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.notes import notes
@@ -39,13 +39,13 @@ def show_data(study: StudyView, reference: StudyView | None = None, name: str = 
     study. Raises `InputError` when no group can be compared.
     """
     attributes = study.attributes
-    differences, without = (comparisons(study), {}) if reference is None else comparisons_with(study, reference, name)
+    comparable, without = (comparisons(study), {}) if reference is None else comparisons_with(study, reference, name)
     publication, rows = compared(study)
     return {
         "schema": identifier(SCHEMA),
         "study": {key: attributes.get(key) for key in ("title", "fingerprint", "seed")},
         "paper": {"reference": publication.reference, "rows": [_row(r) for r in rows]},
-        "comparisons": [_comparison(c) for c in differences],
+        "comparisons": [_comparison(c) for c in comparable],
         "not_compared": without,
         "groups": {name: _group(view) for name, view in study.groups.items()},
     }
@@ -150,17 +150,17 @@ def _cells(view: GroupView) -> list[dict[str, Any]]:
     account = view.counts.drop_vars("fits").drop_dims("outcome", errors="ignore")
     needed = view.needed
     quantile = starts_needed_quantiles(needed)
-    whole = {s.key: s.load()(cells) for s in CELL_STATISTICS}
-    whole |= {
+    results = {s.key: s.load()(cells) for s in CELL_STATISTICS}
+    results |= {
         "missed_minimum": _mean_over_realizations(needed["missed"]),
         "missed_minimum_upper": _mean_over_realizations(needed["missed_upper"].clip(min=WANTED)),
         "starts_needed_median": quantile.sel(quantile=0.5, drop=True),
         "starts_needed_90th": quantile.sel(quantile=0.9, drop=True),
     }
     if view.combined is not None:
-        whole |= {f"{s.key}_combined": s.load()(view.combined) for s in CELL_STATISTICS if s.summed}
+        results |= {f"{s.key}_combined": s.load()(view.combined) for s in CELL_STATISTICS if s.summed}
     axes = ("amplitude", "fmax")
-    readers = {name: _reader(result, *axes) for name, result in whole.items()}
+    readers = {name: _reader(result, *axes) for name, result in results.items()}
     hit_rate = needed["hit_rate"].mean("realization").transpose(*axes).values
     parameters = _parameters(view)
     out = []
@@ -204,8 +204,8 @@ def _parameters(view: GroupView) -> list[Callable[[int, int], dict[str, Any]]]:
     bounds = accuracy.at_bound(view.cells)
     for side in ("lower", "upper"):
         single[f"at_{side}_bound"] = bounds.sel(side=side)
-    single |= {"median_bias": robust.median_bias(view.cells), "mad": robust.mad(view.cells)}
-    spread = robust.estimate_quantiles(view.cells, _QUANTILES)
+    single |= {"median_bias": order_statistics.median_bias(view.cells), "mad": order_statistics.mad(view.cells)}
+    spread = order_statistics.estimate_quantiles(view.cells, _QUANTILES)
     single |= {f"quantile_{100 * q:02.0f}": spread.sel(quantile=q, drop=True) for q in _QUANTILES}
     single |= _of_errors(view.cells)
     if view.bounds_on_sd is not None:
@@ -223,11 +223,11 @@ def _of_errors(cells: xr.Dataset) -> dict[str, xr.Dataset]:
     """How true the standard errors are, where the cube holds them."""
     if selection.ERROR not in cells:
         return {}
-    measured = performance(cells["estimate"], cells["truth"], cells[selection.ERROR])
-    measured = measured.assign(used=measured["n"]).drop_vars(["meaning", "measure_unit"])
+    measures = performance(cells["estimate"], cells["truth"], cells[selection.ERROR])
+    measures = measures.assign(used=measures["n"]).drop_vars(["meaning", "measure_unit"])
     keys = [m.key for m in WITH_ERRORS]
     without = {k: [] if "coverage" in k else ["lower", "upper"] for k in keys}
-    return {f"se_{k}" if k == "relative_error" else k: measured.sel(measure=k).drop_vars(without[k]) for k in keys}
+    return {f"se_{k}" if k == "relative_error" else k: measures.sel(measure=k).drop_vars(without[k]) for k in keys}
 
 
 def _entries(

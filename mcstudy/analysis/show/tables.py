@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcstudy.analysis.kept import kept
+from mcstudy.analysis.cache import kept
 from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.text import render
 from mcstudy.files.local_path import local_path
@@ -37,7 +37,7 @@ def show(path: str | Path, reference: str | Path | None = None) -> Report:
     """Tables of the cube at ``path``, which may be incomplete (missing fits are counted as left out).
 
     ``reference``: another cube; if given, groups are compared with its groups of the same name. The statistics are
-    computed once and kept (`mcstudy.analysis.kept`).
+    computed once and kept (`mcstudy.analysis.cache`).
     Raises `StoreError` when one is not a cube of this version, `InputError` when none of their groups can be compared.
     """
 

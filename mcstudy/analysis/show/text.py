@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from mcstudy.analysis.measures import MEASURES
-from mcstudy.analysis.published.publication import cited
-from mcstudy.analysis.published.verdict_names import AGREES, LIMIT
-from mcstudy.analysis.show.missed import missed_words
+from mcstudy.analysis.publications.publication import cited
+from mcstudy.analysis.publications.verdict_names import AGREES, LIMIT
+from mcstudy.analysis.show.missed_minimum import missed_words
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
 from mcstudy.stance.provenance import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
@@ -68,8 +68,8 @@ def within(rows: list[dict[str, Any]]) -> str:
 def comparison_title(data: dict[str, Any]) -> str:
     """Title of the comparison; it says so if a study's own true values make another body."""
     name = cited(data["paper"]["reference"]).name
-    own = any(another_body(group["truth_provenance"]) for group in data["groups"].values())
-    return f"Another body compared with that of {name}" if own else f"Comparison with {name}"
+    changed = any(another_body(group["truth_provenance"]) for group in data["groups"].values())
+    return f"Another body compared with that of {name}" if changed else f"Comparison with {name}"
 
 
 def _paper(data: dict[str, Any]) -> str:
@@ -135,11 +135,11 @@ def _comparisons(all_of_them: list[dict[str, Any]]) -> str:
 
 def _claims(comparison: dict[str, Any]) -> str:
     """Published claims about one group, each statement with its verdict."""
-    out, said = [], ""
+    out, claim = [], ""
     for v in comparison["claims"]:
-        if v["claim"] != said:
-            said = v["claim"]
-            out.append("\n" + fill(f"Published on {comparison['group']}: {said} ({v['where']})"))
+        if v["claim"] != claim:
+            claim = v["claim"]
+            out.append("\n" + fill(f"Published on {comparison['group']}: {claim} ({v['where']})"))
         head, difference = MEASURES[v["measure"]].head, with_error(v["value"], v["mcse"])
         out.append(f"    {head} {v['expected']} at {v['fmax']:g} Hz: {v['verdict']} ({difference})")
     return "\n".join(out)
@@ -147,11 +147,11 @@ def _claims(comparison: dict[str, Any]) -> str:
 
 def _group(name: str, group: dict[str, Any]) -> str:
     d = group["design"]
-    what = counted(d["realizations"], "realization" if d["noise"] else "pool")
+    runs = counted(d["realizations"], "realization" if d["noise"] else "pool")
     fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in group["fits"].items() if n)
     starts = starts_in_words(d["starts"], d.get("until_certain", False))
     head = (
-        f"Group {name}: {what} of {starts}; model {d['model']}, cost {d['cost']}, "
+        f"Group {name}: {runs} of {starts}; model {d['model']}, cost {d['cost']}, "
         f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
     )
     if group["differences"]:
@@ -162,9 +162,9 @@ def _group(name: str, group: dict[str, Any]) -> str:
     parts = [head, _overview(d, group["cells"])]
     if d["simulator"] != "none":  # without noise and averaging every bias is rounding
         by_fmax = [[c for c in group["cells"] if c["fmax"] == f] for f in d["fmax"]]
-        parts += [_parameters(d, here) for here in by_fmax]
-        parts += [_on_bounds(d, here) for here in by_fmax]
-        parts += [_standard_errors(d, here) for here in by_fmax]
+        parts += [_parameters(d, cells) for cells in by_fmax]
+        parts += [_on_bounds(d, cells) for cells in by_fmax]
+        parts += [_standard_errors(d, cells) for cells in by_fmax]
     return "\n\n".join(filter(None, parts))
 
 
@@ -217,9 +217,9 @@ Columns = Callable[[dict[str, Any]], list[str]]
 
 def _by_parameter(
     design: dict[str, Any],
-    here: list[dict[str, Any]],
+    cells: list[dict[str, Any]],
     heads: Sequence[str],
-    wanted: Callable[[dict[str, Any]], bool],
+    selected: Callable[[dict[str, Any]], bool],
     columns: Columns,
     truth: bool = False,
 ) -> str:
@@ -229,13 +229,13 @@ def _by_parameter(
     """
     rows = [
         [first["name"], *[f"{number(first['truth'])} {first['unit']}"] * truth, *(x for p in same for x in columns(p))]
-        for same in zip(*(c["parameters"] for c in here), strict=True)
+        for same in zip(*(c["parameters"] for c in cells), strict=True)
         for first in [same[0]]
-        if any(map(wanted, same))
+        if any(map(selected, same))
     ]
     first, *others = heads
-    repeated = [h for c in here for h in (f"{first} ({c['amplitude']:g} {design['amplitude_unit']})", *others)]
-    return table([f"{here[0]['fmax']:g} Hz", *["truth"] * truth, *repeated], rows) if rows else ""
+    repeated = [h for c in cells for h in (f"{first} ({c['amplitude']:g} {design['amplitude_unit']})", *others)]
+    return table([f"{cells[0]['fmax']:g} Hz", *["truth"] * truth, *repeated], rows) if rows else ""
 
 
 def _percent(p: dict[str, Any]) -> float | None:
@@ -253,17 +253,17 @@ def _share_on_bounds(p: dict[str, Any]) -> float | None:
     return sum(bounds) if bounds and None not in bounds else None
 
 
-def _parameters(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
-    said = [_efficiency(p) for c in here for p in c["parameters"]]
-    efficient = set(said) != {"-"}
+def _parameters(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
+    efficiencies = [_efficiency(p) for c in cells for p in c["parameters"]]
+    efficient = set(efficiencies) != {"-"}
 
     def columns(p: dict[str, Any]) -> list[str]:
         on = number(_scaled(_share_on_bounds(p), 100), 2)
         return [_with_error(p["bias"], _percent(p)), _with_error(p["cv"]), on, *[_efficiency(p)] * efficient]
 
     heads = ["bias %", "CV", "on bound %", *["efficiency"] * efficient]
-    without, boxed, fixed = "-" in said, any(s.endswith(_BOX) for s in said), "fixed" in said
-    shown = _by_parameter(design, here, heads, lambda _: True, columns, truth=True)
+    without, boxed, fixed = "-" in efficiencies, any(s.endswith(_BOX) for s in efficiencies), "fixed" in efficiencies
+    shown = _by_parameter(design, cells, heads, lambda _: True, columns, truth=True)
     return shown + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
 
 
@@ -271,7 +271,7 @@ OFTEN = 0.05
 """Fraction of estimates on a bound from which their median and quantiles are printed, too."""
 
 
-def _on_bounds(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
+def _on_bounds(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
     """Median, MAD and quantiles of the parameters whose estimates are often on a bound; empty if there are none."""
 
     def columns(p: dict[str, Any]) -> list[str]:
@@ -279,7 +279,7 @@ def _on_bounds(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
         return [*(_with_error(p[key], _percent(p)) for key in ("median_bias", "mad")), " to ".join(ends)]
 
     heads = ["median bias %", "MAD %", "5 to 95 %"]
-    shown = _by_parameter(design, here, heads, lambda p: (_share_on_bounds(p) or 0.0) >= OFTEN, columns)
+    shown = _by_parameter(design, cells, heads, lambda p: (_share_on_bounds(p) or 0.0) >= OFTEN, columns)
     return shown and shown + (
         "\nEstimates on bounds: median bias and median absolute deviation (MAD), and 5th to 95th percentile, in % of "
         "the truth.\nWhere estimates pile up on two bounds, the mean lies where few are, and the SD is that of the box."
@@ -290,7 +290,7 @@ def _scaled(x: float | None, scale: float | None) -> float | None:
     return None if x is None or scale is None else scale * x
 
 
-def _standard_errors(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
+def _standard_errors(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
     """How true the standard errors are; empty for a cube without them."""
 
     def columns(p: dict[str, Any]) -> list[str]:
@@ -298,7 +298,7 @@ def _standard_errors(design: dict[str, Any], here: list[dict[str, Any]]) -> str:
         return [_with_error(p["se_relative_error"]), *shares, _count(p["coverage"]["used"])]
 
     heads = ["SE off %", "holds truth %", "holds mean %", "of"]
-    shown = _by_parameter(design, here, heads, lambda p: "coverage" in p, columns)
+    shown = _by_parameter(design, cells, heads, lambda p: "coverage" in p, columns)
     return shown and shown + (
         "\nStandard errors (SE) of the fits. SE off: their root mean square against the SD of the estimates. holds: "
         "share of\n95 % intervals, estimate ± 1.96 SE, that hold the truth or the mean estimate "
@@ -325,11 +325,11 @@ _FIXED = "\nefficiency 'fixed': the bounds determine the parameter; within them,
 
 def _efficiency(parameter: dict[str, Any]) -> str:
     """Efficiency with error; ``fixed``: the bounds determine the parameter, so it has none; `_BOX`: see there."""
-    found = parameter.get("efficiency")
-    if found is None:
+    efficiency = parameter.get("efficiency")
+    if efficiency is None:
         return "-"
-    if found["held"]:
+    if efficiency["held"]:
         return "fixed"
-    if found["value"] is not None or found["box"] is None:
-        return with_error(found["value"], found["mcse"])
-    return with_error(found["box"], found["box_mcse"]) + _BOX
+    if efficiency["value"] is not None or efficiency["box"] is None:
+        return with_error(efficiency["value"], efficiency["mcse"])
+    return with_error(efficiency["box"], efficiency["box_mcse"]) + _BOX

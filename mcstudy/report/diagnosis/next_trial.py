@@ -50,26 +50,26 @@ def twin_map(before: Twins, after: Twins, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def next_figure(found: NextTrialRecord) -> Figure:
+def next_figure(trial: NextTrialRecord) -> Figure:
     """The section of the page: the map before and after, and the table of trials."""
     return Figure(
         "twins",
         "Effects that look alike, before and with the recommended trial",
         [
-            f"Recommended: {sentence(found, found.best)}. {twin_sentence(found)}",
+            f"Recommended: {sentence(trial, trial.best)}. {twin_sentence(trial)}",
             "A square is darker the more alike two effects are (|cosine| of the residuals that they would leave): "
             "below the diagonal in what was recorded, above it with the recommended trial beside it. The darkest pairs "
             "cannot be told apart. Columns have the numbers of the rows.",
         ],
-        [Panel("effects that look alike", partial(twin_map, found.before, found.after), (8.8, 6.4))],
-        [Table("Possible trials", HEADER, rows(found), kind="wide")],
+        [Panel("effects that look alike", partial(twin_map, trial.before, trial.after), (8.8, 6.4))],
+        [Table("Possible trials", HEADER, rows(trial), kind="wide")],
     )
 
 
-def twin_picture(found: NextTrialRecord) -> Picture:
+def twin_picture(trial: NextTrialRecord) -> Picture:
     """The map alone, on a new figure."""
     picture = Picture(figsize=(8.8, 6.8), layout="constrained")
     ax = picture.subplots()
-    twin_map(found.before, found.after, ax)
-    ax.set_title(f"Below: {found.name}. Above: with\n{described(found.best.plan)}", fontsize="medium")
+    twin_map(trial.before, trial.after, ax)
+    ax.set_title(f"Below: {trial.name}. Above: with\n{described(trial.best.plan)}", fontsize="medium")
     return picture

@@ -79,16 +79,16 @@ def _against_null(ax: Axes, null: np.ndarray, observed: float, text: str) -> Axe
 
 def effect_sizes(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """Sizes of the leading cause and of those in the 95 % set, with 95 % intervals, in standard errors."""
-    found = [
+    sizes = [
         (f"{s.name}\n{effects_of(c)}", s)
         for c in shown_causes(diagnosis)
         for s in c.sizes
         if s.se > 0 and s.name not in shape_parameters()
     ][:MOST_CAUSES]
-    if not found:
+    if not sizes:
         raise InputError(f"{diagnosis.name}: no cause leads or is in the 95 % set, so there is no size to show")
     ax = axes(ax)
-    at, low, high = np.array([(s.estimate / s.se, s.low / s.se, s.high / s.se) for _, s in found]).T
+    at, low, high = np.array([(s.estimate / s.se, s.low / s.se, s.high / s.se) for _, s in sizes]).T
     ax.errorbar(at, np.arange(at.size), xerr=[at - low, high - at], fmt="o", color=AFTER, capsize=4, elinewidth=1.4)
     for y, x in enumerate(at):
         away = -1 if x < 0 else 1  # a label on the other side would touch the line at zero
@@ -99,8 +99,8 @@ def effect_sizes(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     labels = at + np.where(at < 0, -LABEL, LABEL) * span
     ax.set_xlim(min(least - MARGIN * span, labels.min()), max(most + MARGIN * span, labels.max()))
     ax.axvline(0, color=MEASURED, linewidth=1.0, linestyle=DASHES[1], label="no effect")
-    ax.set_ylim(len(found) - 0.4, -0.6)
-    ax.set_yticks(range(len(found)), ["\n".join(_wrapped(part) for part in name.split("\n")) for name, _ in found])
+    ax.set_ylim(len(sizes) - 0.4, -0.6)
+    ax.set_yticks(range(len(sizes)), ["\n".join(_wrapped(part) for part in name.split("\n")) for name, _ in sizes])
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("size / its standard error")
     ax.set_title("sizes of the causes")
@@ -159,12 +159,12 @@ def sway_error_bars(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
 def sway_trace(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axes:
     """Measured sway of one angle, and what both models predict."""
     ax = axes(ax, (4.3, 2.8))
-    every = slice(None, None, -(-traces.t.size // POINTS))
-    t = traces.t[every]
-    ax.plot(t, traces.measured[every, angle], color=MEASURED, linewidth=2.8, alpha=0.4, label="measured")
-    ax.plot(t, traces.before[every, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
+    step = slice(None, None, -(-traces.t.size // POINTS))
+    t = traces.t[step]
+    ax.plot(t, traces.measured[step, angle], color=MEASURED, linewidth=2.8, alpha=0.4, label="measured")
+    ax.plot(t, traces.before[step, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
     if traces.after is not None:
-        ax.plot(t, traces.after[every, angle], color=AFTER, linewidth=1.1, label=traces.added_name)
+        ax.plot(t, traces.after[step, angle], color=AFTER, linewidth=1.1, label=traces.added_name)
     ax.set_ylabel(f"θ{angle + 1} (°)")
     return _in_time(ax)
 
@@ -172,15 +172,15 @@ def sway_trace(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Ax
 def sway_left(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axes:
     """Measured minus predicted sway of one angle, of both models, with the 95 % noise of the measured mean."""
     ax = axes(ax, (4.3, 2.8))
-    every = slice(None, None, -(-traces.t.size // POINTS))
-    t = traces.t[every]
+    step = slice(None, None, -(-traces.t.size // POINTS))
+    t = traces.t[step]
     if np.isfinite(traces.error[angle]):
         limit = 1.96 * traces.error[angle]
         ax.axhspan(-limit, limit, color=MEASURED, alpha=0.14, linewidth=0, label="95 % noise")
     left = traces.measured - traces.before
-    ax.plot(t, left[every, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
+    ax.plot(t, left[step, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
     if traces.after is not None:
-        after = (traces.measured - traces.after)[every, angle]
+        after = (traces.measured - traces.after)[step, angle]
         ax.plot(t, after, color=AFTER, linewidth=1.0, label=traces.added_name)
     ax.set_ylabel(f"error of predicted θ{angle + 1} (°)")
     return _in_time(ax)

@@ -106,9 +106,9 @@ def _introduction(data: GapData) -> Markup:
     else:
         after = f"{added_name(d).capitalize()}: the base model with {effects_of(d.leading)}, refitted."
     first, *others = sentences(d)
-    said = paragraphs([first, differing_tests(d), *others])
+    verdict = paragraphs([first, differing_tests(d), *others])
     base = f"Base model: {data.model.name.replace('_', ' ')}, fitted to this recording. {after}"
-    return html('<div class="truth"><p><strong>Verdict</strong></p>{}</div>', said) + paragraphs([base])
+    return html('<div class="truth"><p><strong>Verdict</strong></p>{}</div>', verdict) + paragraphs([base])
 
 
 def _numbers(d: DiagnosisRecord) -> Markup:

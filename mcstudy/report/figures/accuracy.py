@@ -44,11 +44,11 @@ def _cv(cells: xr.Dataset) -> xr.Dataset:
     return statistic_of(cells, statistic)
 
 
-def _both(view: GroupView, fmax: float, of: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
-    single = of(view.cells.sel(fmax=fmax, drop=True))
+def _both(view: GroupView, fmax: float, statistic: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
+    single = statistic(view.cells.sel(fmax=fmax, drop=True))
     if view.derived is None:
         return single
-    parts = [x.reset_coords(drop=True) for x in (single, of(view.derived.sel(fmax=fmax, drop=True)))]
+    parts = [x.reset_coords(drop=True) for x in (single, statistic(view.derived.sel(fmax=fmax, drop=True)))]
     return xr.concat([p.assign_coords(parameter=[str(n) for n in p["parameter"].values]) for p in parts], "parameter")
 
 
@@ -132,12 +132,12 @@ def _bars(ax: Axes, view: GroupView, result: xr.Dataset) -> None:
     single = np.array([n in view.model.names for n in names])
     error = result["mcse"].fillna(0.0).values
     kinds = ((single, "blue", "single"), (~single, "green", "active + passive"))
-    for (which, colour, label), hatch in zip(kinds, HATCHES, strict=False):
-        if which.any():
+    for (chosen, colour, label), hatch in zip(kinds, HATCHES, strict=False):
+        if chosen.any():
             ax.barh(
-                y[which],
-                result["value"].values[which],
-                xerr=error[which],
+                y[chosen],
+                result["value"].values[chosen],
+                xerr=error[chosen],
                 height=0.7,
                 color=COLOURS[colour],
                 hatch=hatch,

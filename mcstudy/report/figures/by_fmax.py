@@ -25,11 +25,11 @@ def statistic_by_fmax(data: GroupLike, statistic: str, ax: Axes | None = None) -
     result: xr.Dataset = declared.load()(view.cells) * declared.factor
     x = np.arange(result.sizes["fmax"])
     for i, amplitude in enumerate(result["amplitude"].values):
-        here = result.sel(amplitude=amplitude)
-        error = here["mcse"].fillna(0.0).values
+        curve = result.sel(amplitude=amplitude)
+        error = curve["mcse"].fillna(0.0).values
         colour, marker = SERIES[i % len(SERIES)], MARKERS[i % len(MARKERS)]
         label = amplitude_label(view, float(amplitude))
-        ax.errorbar(x, here["value"].values, yerr=error, fmt=f"{marker}-", color=colour, label=label)
+        ax.errorbar(x, curve["value"].values, yerr=error, fmt=f"{marker}-", color=colour, label=label)
     fixed_ticks(ax.xaxis, x, [f"{f:g}" for f in result["fmax"].values])
     ax.set_xlabel("Fmax (Hz)")
     ax.set_ylabel(declared.page or declared.head)

@@ -52,10 +52,10 @@ def chosen_fmax(view: GroupView, fmax: float | None = None) -> float:
     held = [float(f) for f in view.cube["fmax"].values]
     if fmax is None:
         return view.fmax(1.2) or held[len(held) // 2]
-    found = view.fmax(fmax)
-    if found is None:
+    nearest = view.fmax(fmax)
+    if nearest is None:
         raise InputError(f"fmax: expected one of {_listed(held)} Hz, got {fmax:g}")
-    return found
+    return nearest
 
 
 def chosen_amplitude(view: GroupView, amplitude: float | None = None) -> float:
@@ -63,10 +63,10 @@ def chosen_amplitude(view: GroupView, amplitude: float | None = None) -> float:
     held = [float(a) for a in view.cube["amplitude"].values]
     if amplitude is None:
         return held[-1]
-    found = view.amplitude(amplitude)
-    if found is None:
+    nearest = view.amplitude(amplitude)
+    if nearest is None:
         raise InputError(f"amplitude: expected one of {_listed(held)}, got {amplitude:g}")
-    return found
+    return nearest
 
 
 def _listed(values: Sequence[float]) -> str:

@@ -45,13 +45,13 @@ def efficiency_dots(data: GroupLike, amplitude: float | None = None, ax: Axes | 
     fmaxes = result["fmax"].values
     ax.set_xscale("log")
     for i, f in enumerate(fmaxes):
-        here, y = result.sel(fmax=f), np.arange(len(names)) + (i - (len(fmaxes) - 1) / 2) * 0.24
+        cells, y = result.sel(fmax=f), np.arange(len(names)) + (i - (len(fmaxes) - 1) / 2) * 0.24
         colour, marker = SERIES[i % len(SERIES)], MARKERS[i % len(MARKERS)]
-        face = colour if bool(here["applies"]) else COLOURS["panel"]
-        _dots(ax, here, y, colour, marker, face)
+        face = colour if bool(cells["applies"]) else COLOURS["panel"]
+        _dots(ax, cells, y, colour, marker, face)
         ax.plot([], [], marker, color=colour, markerfacecolor=face, label=fmax_label(float(f)))
         if view.group.fit.cost == "paper":
-            first_order = (here["cramer_rao_sd"] / here["paper_cost_sd"]) ** 2
+            first_order = (cells["cramer_rao_sd"] / cells["paper_cost_sd"]) ** 2
             ax.plot(np.clip(first_order, *SHOWN), y, "|", color=colour, markersize=6)
     ax.axvline(1.0, color=COLOURS["ink"], linewidth=1.0, linestyle=(0, (4, 3)))
     low, high = ax.get_xlim()
@@ -65,13 +65,13 @@ def efficiency_dots(data: GroupLike, amplitude: float | None = None, ax: Axes | 
     return ax
 
 
-def _dots(ax: Axes, here: xr.Dataset, y: np.ndarray, colour: str, marker: str, face: str) -> None:
-    names = ("value", "mcse") if bool(here["applies"]) else ("box", "box_mcse")
-    value, error = (here[name].values for name in names)
+def _dots(ax: Axes, cells: xr.Dataset, y: np.ndarray, colour: str, marker: str, face: str) -> None:
+    names = ("value", "mcse") if bool(cells["applies"]) else ("box", "box_mcse")
+    value, error = (cells[name].values for name in names)
     error = np.nan_to_num(error)
     shown = np.isfinite(value) & (value >= SHOWN[0]) & (value <= SHOWN[1])
     below = np.minimum(error, 0.8 * np.where(np.isfinite(value), value, 0.0))  # a log axis has no zero
     bars = [below[shown], np.minimum(error[shown], SHOWN[1] - value[shown])]
     ax.errorbar(value[shown], y[shown], xerr=bars, fmt=marker, color=colour, markerfacecolor=face, elinewidth=1.0)
-    for which, place, arrow in ((value > SHOWN[1], SHOWN[1], ">"), (value < SHOWN[0], SHOWN[0], "<")):
-        ax.plot(np.full(int(which.sum()), place), y[which], arrow, color=colour, markerfacecolor=face)
+    for outside, place, arrow in ((value > SHOWN[1], SHOWN[1], ">"), (value < SHOWN[0], SHOWN[0], "<")):
+        ax.plot(np.full(int(outside.sum()), place), y[outside], arrow, color=colour, markerfacecolor=face)

@@ -26,9 +26,9 @@ def parameter_bars(data: GroupLike, parameter: str, ax: Axes | None = None) -> A
     view = view_of(data)
     ax = axes(ax, (2.4, 2.0))
     cells = cells_with(view.cells, view.derived, parameter)
-    every = _moments_of(view, cells is view.derived)
-    truth, amplitudes = float(every.truth.sel(parameter=parameter)), cells["amplitude"].values
-    means, sds = (x.sel(parameter=parameter) for x in (every.mean, every.sd.fillna(0.0)))
+    summary = _moments_of(view, cells is view.derived)
+    truth, amplitudes = float(summary.truth.sel(parameter=parameter)), cells["amplitude"].values
+    means, sds = (x.sel(parameter=parameter) for x in (summary.mean, summary.sd.fillna(0.0)))
     width = 0.8 / len(amplitudes)
     ax.bar(-1, truth, width=0.6, color=COLOURS["muted"])
     for i, a in enumerate(amplitudes):

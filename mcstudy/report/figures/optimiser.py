@@ -106,18 +106,18 @@ def basin_atlas(
     ax.hlines([*(rows - 0.4), *(rows + 0.4)], -0.5, len(names) - 0.5, color=COLOURS["grid"], linewidth=0.6)  # bounds
     stable = shown["stable"].values >= 0.5
     tops = rows[:, None] - 0.8 * (shown["position"].transpose("cluster", "parameter").values - 0.5)
-    for which, colour, alpha in ((stable, "green", 1.0), (~stable, "orange", 0.65)):
+    for chosen, colour, alpha in ((stable, "green", 1.0), (~stable, "orange", 0.65)):
         bars = [
             [(x[p] - 0.35, row), (x[p] + 0.35, row), (x[p] + 0.35, tops[row, p]), (x[p] - 0.35, tops[row, p])]
-            for row in rows[which]
+            for row in rows[chosen]
             for p in range(len(names))
         ]
         ax.add_collection(PolyCollection(bars, facecolor=COLOURS[colour], alpha=alpha))
     ax.hlines(rows, -0.5, len(names) - 0.5, color=COLOURS["muted"], linewidth=0.6)
     for row in rows:
-        one = shown.isel(cluster=row)
+        cluster = shown.isel(cluster=row)
         ax.annotate(
-            f"{100 * float(one['value']):.0f} %\n{int(one['lowest'])}/{table.attrs['realizations']}",
+            f"{100 * float(cluster['value']):.0f} %\n{int(cluster['lowest'])}/{table.attrs['realizations']}",
             (1.02, row),
             xycoords=("axes fraction", "data"),
             va="center",

@@ -45,11 +45,11 @@ def draw_correlations(ax: Axes, names: list[str], matrix: np.ndarray) -> None:
     """
     row, column = np.tril_indices(len(names), -1)
     value = matrix[row, column]
-    for which, marker, colour, fill in ((value > 0, "o", "blue", True), (value < 0, "s", "orange", False)):
+    for chosen, marker, colour, fill in ((value > 0, "o", "blue", True), (value < 0, "s", "orange", False)):
         ax.scatter(
-            column[which],
-            row[which],
-            170 * np.abs(value[which]) * (12 / max(len(names), 4)) ** 2,
+            column[chosen],
+            row[chosen],
+            170 * np.abs(value[chosen]) * (12 / max(len(names), 4)) ** 2,
             marker=marker,
             facecolor=COLOURS[colour] if fill else "none",
             edgecolor=COLOURS[colour],

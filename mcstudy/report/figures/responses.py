@@ -41,12 +41,12 @@ def controllers_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[st
     Those of other joints are called ``ROW from ANGLE``.
     """
     NC, model = neural_controllers(view.model, theta, f), view.model
-    found = {
+    responses = {
         CONTROLLERS.get((row, angle), f"{row} from {angle}"): NC[..., i, k]
         for k, angle in enumerate(model.angles)
         for i, row in reversed(list(enumerate(model.rows)))
     }
-    return {name: response for name, response in found.items() if np.abs(response).max() > 0}
+    return {name: response for name, response in responses.items() if np.abs(response).max() > 0}
 
 
 def frf_gain(
@@ -55,7 +55,8 @@ def frf_gain(
     """Fig. 4A, gain: line the truth; without noise, markers the best fit; with noise, band 10-90 % of best fits."""
     ax = _gain(data, amplitude, fmax, axes(ax), frf_of)
     model = view_of(data).model
-    ax.set_ylabel(f"gain ({model.unit}/({model.stimulus_unit.replace(' ', '·')}))")
+    units = ", ".join(dict.fromkeys(model.output_units))
+    ax.set_ylabel(f"gain ({units}/({model.stimulus_unit.replace(' ', '·')}))")
     return ax
 
 
@@ -128,20 +129,20 @@ def _draw(
     """``stable``: leave out fits whose loop is unstable, whose phase turns the other way at a resonance."""
     view = view_of(data)
     a, limit = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
-    own = view.cube["frequency"].values
-    f, true, every, is_stable = _responses(view, a, limit, response)
-    at = np.searchsorted(f, own)
-    fits = {name: x[is_stable] if stable else x for name, x in every.items()}
+    grid = view.cube["frequency"].values
+    f, true, every_fit, is_stable = _responses(view, a, limit, response)
+    at = np.searchsorted(f, grid)
+    fits = {name: x[is_stable] if stable else x for name, x in every_fit.items()}
     for i, name in enumerate(true):
         colour = SERIES[i % len(SERIES)]
-        line, found = part(true[name], fits[name])
+        line, fitted = part(true[name], fits[name])
         ax.plot(f, line, color=colour, linestyle=DASHES[i % len(DASHES)], label=name)
-        if view.noisy and len(found):
-            ax.fill_between(f, *np.quantile(found, BAND, axis=0), color=colour, alpha=0.22, linewidth=0)
-        elif len(found):
+        if view.noisy and len(fitted):
+            ax.fill_between(f, *np.quantile(fitted, BAND, axis=0), color=colour, alpha=0.22, linewidth=0)
+        elif len(fitted):
             marker = MARKERS[i % len(MARKERS)]
             ax.plot(
-                own, found[0, at], marker, color=colour, markersize=4.5, markerfacecolor="none", label=f"{name}, fit"
+                grid, fitted[0, at], marker, color=colour, markersize=4.5, markerfacecolor="none", label=f"{name}, fit"
             )
     if limit < f[-1] * 0.99:
         ax.axvline(limit, color="#57606a", linewidth=0.9, linestyle=(0, (4, 3)))
@@ -158,8 +159,8 @@ def _responses(
 
     Kept, because gain and phase are drawn from the same: two responses at three Fmax, some 30 MB at most.
     """
-    own = view.cube["frequency"].values
-    f = np.union1d(own, np.geomspace(own[0], own[-1], FINE))  # resonances lie between a study's frequencies
+    grid = view.cube["frequency"].values
+    f = np.union1d(grid, np.geomspace(grid[0], grid[-1], FINE))  # resonances lie between a study's frequencies
     cells = view.cells.sel(amplitude=amplitude, fmax=fmax).isel(realization=slice(0, MOST_FITS))
     estimate = cells["estimate"].transpose("realization", "parameter").values
     shown = np.isfinite(estimate).all(1)

@@ -38,9 +38,9 @@ def controller_error(
     ok = usable(cube).values.ravel()
     cost, error = cube["cost"].values.ravel()[ok], j_nc(cube, view.model).values.ravel()[ok]
     stable = cube["growth_rate"].values.ravel()[ok] < 0
-    for which, colour, marker, label in ((stable, "blue", "o", "stable"), (~stable, "orange", "x", "unstable")):
-        if which.any():
-            ax.plot(cost[which], error[which], marker, color=COLOURS[colour], markersize=3.5, alpha=0.7, label=label)
+    for chosen, colour, marker, label in ((stable, "blue", "o", "stable"), (~stable, "orange", "x", "unstable")):
+        if chosen.any():
+            ax.plot(cost[chosen], error[chosen], marker, color=COLOURS[colour], markersize=3.5, alpha=0.7, label=label)
     log_axis(ax.xaxis, 6)
     log_axis(ax.yaxis)
     ax.set_xlabel("cost J of the fit")

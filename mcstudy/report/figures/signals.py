@@ -136,10 +136,10 @@ class Signals:
         lines = np.arange(1, int(8.0 * self.periodic.period_s) + 1, 2)
         lines = lines[self.periodic.coefficients()[lines] != 0]
         f = lines / self.periodic.period_s
-        found = periods.raw(self.simulated_sway, self.periodic.samples, discard)[lines]
+        simulated = periods.raw(self.simulated_sway, self.periodic.samples, discard)[lines]
         exact = frf(model, model.truth, f) * self.periodic.coefficients()[lines, None]
         n = model.n_angles
-        return f, np.abs(found[:, :n] - exact[:, :n]) / np.abs(exact[:, :n])
+        return f, np.abs(simulated[:, :n] - exact[:, :n]) / np.abs(exact[:, :n])
 
     def sampling_error(self, f: np.ndarray) -> np.ndarray:
         """The part of `frf_error` that sampling explains, (N,): the simulated stimulus is linear between samples."""
@@ -206,10 +206,10 @@ def simulation_error_frf(signals: Signals, ax: Axes | None = None) -> Axes:
     """What the error of Fig. 2D does to the FRFs, with and without the first cycle, and what sampling explains."""
     ax = axes(ax, (4.3, 3.2))
     kept = signals.view.group.stimulus.discard
-    for discard, dash, what in ((0, DASHES[2], "all cycles"), (kept, DASHES[0], f"without the first {cycles(kept)}")):
+    for discard, dash, label in ((0, DASHES[2], "all cycles"), (kept, DASHES[0], f"without the first {cycles(kept)}")):
         f, error = signals.frf_error(discard)
         for i, name in enumerate(signals.angles):
-            ax.plot(f, error[:, i], color=SERIES[i], linestyle=dash, label=f"{name}, {what}", linewidth=1.2)
+            ax.plot(f, error[:, i], color=SERIES[i], linestyle=dash, label=f"{name}, {label}", linewidth=1.2)
         if kept == 0:
             break
     keep = np.unique(np.geomspace(1, f.size, 12).astype(int)) - 1

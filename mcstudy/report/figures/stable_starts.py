@@ -18,9 +18,9 @@ def hit_rate_bars(rate: xr.Dataset, title: str = "", ax: Axes | None = None) -> 
     ax = axes(ax)
     fmax = rate["fmax"].values
     for i, loop in enumerate(("stable", "unstable")):
-        here = rate.sel(loop=loop)
+        rates = rate.sel(loop=loop)
         x = np.arange(len(fmax)) + (i - 0.5) * 0.38
-        value, error = 100 * here["value"].values, 100 * here["mcse"].fillna(0.0).values
+        value, error = 100 * rates["value"].values, 100 * rates["mcse"].fillna(0.0).values
         hatch = "" if i == 0 else "///"
         ax.bar(x, value, 0.36, yerr=error, color=SERIES[i], alpha=0.8, hatch=hatch, label=f"{loop} start", capsize=3)
         for k, v in enumerate(value):

@@ -40,14 +40,14 @@ def zipper(
     units = dict(zip(view.model.names, view.model.units, strict=True))
     if parameter not in units:
         raise InputError(f"parameter: expected one of {', '.join(units)}, got {parameter!r}")
-    here = {"amplitude": a, "fmax": f, "parameter": parameter}
-    held = performance_of(view).sel(here).sel(measure="coverage")
-    cells = view.cells.sel(here)
+    cell = {"amplitude": a, "fmax": f, "parameter": parameter}
+    held = performance_of(view).sel(cell).sel(measure="coverage")
+    cells = view.cells.sel(cell)
     shown = intervals(cells["estimate"], cells["truth"], cells[ERROR]).dropna("realization")
     shown = shown.isel(realization=slice(0, MOST_POINTS))
     for holds, colour in ((True, "blue"), (False, "orange")):
-        of = shown.isel(realization=np.flatnonzero(shown["holds"].values == holds))
-        ax.hlines(100 * of["centile"], of["lower"], of["upper"], color=COLOURS[colour], linewidth=0.8)
+        lines = shown.isel(realization=np.flatnonzero(shown["holds"].values == holds))
+        ax.hlines(100 * lines["centile"], lines["lower"], lines["upper"], color=COLOURS[colour], linewidth=0.8)
     ax.axvline(float(cells["truth"]), color=COLOURS["ink"], linewidth=1.0)
     ax.axhline(100 * LEVEL, color=COLOURS["muted"], linewidth=1.0, linestyle=DASHES[1])
     for end in ("lower", "upper"):

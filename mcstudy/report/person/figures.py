@@ -117,12 +117,13 @@ def coverage(fit: FitRecord, ax: Axes | None = None) -> Axes:
         raise InputError(f"{fit.name}: expected a kind of recording whose intervals were simulated (fit.coverage)")
     ax = axes(ax, (6.4, 4.6))
     ax.axvspan(LEAST, MOST, color=OTHER, alpha=0.15, linewidth=0, label=f"goal, {LEAST:g} to {MOST:g} %")
-    for y, one in enumerate(c.quantities.values()):
-        ax.plot([one.lowest, one.highest], [y, y], color=PROFILE, linewidth=2.2, label=_once(ax, "worst to best body"))
-        ax.plot(one.percent, y, "D", color=COLOURS["ink"], markersize=4.5, label=_once(ax, "all bodies"))
+    for y, covered in enumerate(c.quantities.values()):
+        ends = covered.lowest, covered.highest
+        ax.plot(ends, [y, y], color=PROFILE, linewidth=2.2, label=_once(ax, "worst to best body"))
+        ax.plot(covered.percent, y, "D", color=COLOURS["ink"], markersize=4.5, label=_once(ax, "all bodies"))
     ax.set_yticks(range(len(c.quantities)), list(c.quantities))
     ax.set_ylim(len(c.quantities) - 0.4, -0.6)
-    ax.set_xlim(min(90.0, *(one.lowest - 1 for one in c.quantities.values())), 100.2)
+    ax.set_xlim(min(90.0, *(covered.lowest - 1 for covered in c.quantities.values())), 100.2)
     ax.set_xlabel(f"simulated {100 * fit.level:g} % intervals that hold the truth (%)")
     legend_below(ax, 3, -0.12)
     return ax

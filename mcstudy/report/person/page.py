@@ -51,13 +51,13 @@ def fit_page(fit: FitRecord, command: str = "mcstudy fit REC --html page.html") 
 def _introduction(fit: FitRecord) -> Markup:
     kinds = [e.verdict for e in fit.estimates]
     determined = kinds.count("identifiable")
-    asked = (
+    question = (
         f"Asked: which values of the {len(fit.model.names)} parameters of the {fit.model.name.replace('_', ' ')} model "
         f"agree with {_what(fit)} at {len(fit.lines)} lines from "
         f"{fit.lines.f.min():.2g} to {fit.lines.f.max():.2g} Hz"
     )
     added = fit.method.effects
-    asked += f", with {' and '.join(added)} added to it?" if added else "?"
+    question += f", with {' and '.join(added)} added to it?" if added else "?"
     entries = [
         (
             "Determined by the data",
@@ -82,14 +82,14 @@ def _introduction(fit: FitRecord) -> Markup:
         ),
     ]
     if fit.gap is not None:
-        found = "a gap beyond noise" if words.gap_found(fit) else "no gap beyond noise"
-        entries.append(("Test for a gap", found, f"{words.gap_p(fit)}.", "model"))
+        answer = "a gap beyond noise" if words.gap_found(fit) else "no gap beyond noise"
+        entries.append(("Test for a gap", answer, f"{words.gap_p(fit)}.", "model"))
     if fit.stability is not None:
         state = "over all intervals" if fit.stability.stable else "not over all intervals"
         root = f"rightmost root {number(fit.growth_rate)} 1/s; stable {state}."
         entries.append(("Closed loop", "stable" if fit.growth_rate < 0 else "unstable", root, "model"))
     warning = html('<div class="truth"><p>{}</p></div>', words.belief(fit)) if words.doubtful(fit) else ""
-    return paragraphs([asked]) + warning + tiles(entries)
+    return paragraphs([question]) + warning + tiles(entries)
 
 
 def _what(fit: FitRecord) -> str:
@@ -246,8 +246,8 @@ def _open(fit: FitRecord) -> list[str]:
 
 
 def _belief(fit: FitRecord) -> list[str]:
-    said = (words.belief, words.by_recording, words.added, words.loop, words.sway)
-    return [*(sentence(fit) for sentence in said), *fit.warnings]
+    statements = (words.belief, words.by_recording, words.added, words.loop, words.sway)
+    return [*(sentence(fit) for sentence in statements), *fit.warnings]
 
 
 def _provenance(fit: FitRecord, command: str) -> Markup:

@@ -10,7 +10,7 @@ from typing import Any
 
 import xarray as xr
 
-from mcstudy.analysis.published.publication import Publication, cited
+from mcstudy.analysis.publications.publication import Publication, cited
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.fitting.solvers import solvers

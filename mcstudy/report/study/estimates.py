@@ -38,8 +38,8 @@ def estimate_figures(context: Context) -> list[Figure | Missing]:
 
 def estimates(context: Context, view: GroupView, suffix: str = "") -> list[Figure | Missing]:
     """Estimates, bias and variability of one group; ``suffix`` makes their ids unique."""
-    every, summed = _estimates(context, view, suffix), _combined(context, view, suffix)
-    return [every, summed, _bias(view, suffix), _variability(view, suffix)]
+    single, summed = _estimates(context, view, suffix), _combined(context, view, suffix)
+    return [single, summed, _bias(view, suffix), _variability(view, suffix)]
 
 
 def statistic_figures(view: GroupView, suffix: str = "") -> list[Figure]:
@@ -85,13 +85,13 @@ def _responses_with_noise(view: GroupView) -> Figure | Missing:
     a = largest_amplitude(view)
     fmaxes = [f for amplitude, f in conditions(view) if amplitude == a]
     panels = [
-        Panel(f"gain of the {what}, Fmax {f:g} Hz", partial(draw, view, a, f), share="xy")
-        for what, draw in (("angles", figures.frf_gain), ("neural controllers", figures.controller_gain))
+        Panel(f"gain of the {subject}, Fmax {f:g} Hz", partial(draw, view, a, f), share="xy")
+        for subject, draw in (("angles", figures.frf_gain), ("neural controllers", figures.controller_gain))
         for f in fmaxes
     ]
     panels += [
-        Panel(f"phase of the {what}, Fmax {f:g} Hz", partial(draw, view, a, f), share="xy")
-        for what, draw in (("angles", figures.frf_phase), ("neural controllers", figures.controller_phase))
+        Panel(f"phase of the {subject}, Fmax {f:g} Hz", partial(draw, view, a, f), share="xy")
+        for subject, draw in (("angles", figures.frf_phase), ("neural controllers", figures.controller_phase))
         for f in fmaxes
     ]
     return Figure(

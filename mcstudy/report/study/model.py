@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from markupsafe import Markup
 
-from mcstudy.analysis.published.publication import ALONE, Counterpart
+from mcstudy.analysis.publications.publication import ALONE, Counterpart
 from mcstudy.report.html import html, table
 from mcstudy.report.labels import with_units
 from mcstudy.report.study.context import Context
@@ -27,7 +27,8 @@ def model_html(context: Context) -> Markup:
         angles = "θ1 is the angle of the lower body from upright, θ2 the hip angle, θ2s = θ1 + θ2"
     stimulus = f"the stimulus, in {with_units(model.stimulus_unit)}"
     if declared:
-        angles = f"{' and '.join(model.output_names[: model.n_angles])} in {model.unit}"
+        measured = zip(model.output_names[: model.n_angles], model.output_units, strict=False)
+        angles = f"measured {'is' if model.n_angles == 1 else 'are'} {' and '.join(f'{n} in {u}' for n, u in measured)}"
         units = "times are in s, units of the parameters are those of the table"
     else:
         stimulus, units = KINDS[view.group.stimulus.kind].description, "units are N·m, kg, m, rad and s"

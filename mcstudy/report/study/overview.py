@@ -8,8 +8,8 @@ from typing import Any
 from markupsafe import Markup
 
 from mcstudy.analysis.correlation import correlation
-from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL
-from mcstudy.analysis.show.missed import missed_words
+from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL
+from mcstudy.analysis.show.missed_minimum import missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.models.quantities import sums
@@ -61,9 +61,10 @@ def _tiles(context: Context) -> list[Tile]:
         out += _accuracy(context, view)
     judged = [r["verdict"] for r in context.published.values() if r["verdict"]]
     if judged:
-        told = [v for v in judged if v != CANNOT_TELL]
-        remark = f"{len(judged) - len(told)} more cannot be decided with studies of so few realizations."
-        out.append(("Published statements that agree", f"{told.count(AGREES)} of {len(told)}", remark, "published"))
+        decided = [v for v in judged if v != CANNOT_TELL]
+        remark = f"{len(judged) - len(decided)} more cannot be decided with studies of so few realizations."
+        agreeing = f"{decided.count(AGREES)} of {len(decided)}"
+        out.append(("Published statements that agree", agreeing, remark, "published"))
     return out
 
 
@@ -86,7 +87,7 @@ def _accuracy(context: Context, view: GroupView) -> list[Tile]:
         out.append((f"Correlation of {first} and {second}", value_of(r), remark, "pairs"))
     needed = next((c for c in cells if c["fmax"] == f and c.get("starts_needed_median", {}).get("value")), None)
     if needed and view.group.starts > 1:
-        median, many = (needed[f"starts_needed_{which}"] for which in ("median", "90th"))
+        median, many = (needed[f"starts_needed_{quantile}"] for quantile in ("median", "90th"))
         remark = f"median; {with_ends(many)} or more in one of ten realizations; {at}, {f:g} Hz."
         if needed["missed_minimum"]["value"] is not None:
             remark += f" {MISSED[0].upper()}{MISSED[1:]}: {missed_words(needed)} % (mean)."
@@ -99,9 +100,9 @@ def _bias(context: Context, cell: dict[str, Any], at: str) -> Tile:
     row = context.counterpart("bias", cell["fmax"])
     value = row or cell["mean_absolute_bias_percent"]
     paper = f"paper {row['paper_text']} %, " if row else f"{at}, "
-    what = f"Mean |bias|, Fmax {fmax_label(cell['fmax'])}"
+    title = f"Mean |bias|, Fmax {fmax_label(cell['fmax'])}"
     floor = number(value["floor"], 2)
-    return what, f"{with_error(value['value'], value['mcse'])} %", f"{paper}{floor} % expected from chance.", "bias"
+    return title, f"{with_error(value['value'], value['mcse'])} %", f"{paper}{floor} % expected from chance.", "bias"
 
 
 def _ends_and_middle(cells: list[dict[str, Any]], fmax: float) -> list[dict[str, Any]]:

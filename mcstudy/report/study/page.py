@@ -10,8 +10,8 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from mcstudy.analysis.kept import Look, looking
-from mcstudy.analysis.published.publication import ALONE, publications
+from mcstudy.analysis.cache import Look, looking
+from mcstudy.analysis.publications.publication import ALONE, publications
 from mcstudy.analysis.results import open_for_tables
 from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.summary import show_data
@@ -65,8 +65,8 @@ def _companion(file: Path, looks: ExitStack) -> Context | None:
 
 
 def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -> str:
-    asked = [p for p in publications() if companions or p is context.publication]
-    sections = [section for p in asked if (section := p.section(context, companions))]
+    relevant = [p for p in publications() if companions or p is context.publication]
+    sections = [section for p in relevant if (section := p.section(context, companions))]
     if companions and not sections:
         raise InputError("--beside: expected a publication that shows further results, none is installed")
     parts = [

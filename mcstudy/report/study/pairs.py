@@ -48,10 +48,12 @@ def pairs_figure(context: Context) -> Figure | Missing:
 
 
 def _table(view: GroupView, first: list[tuple[str, str]]) -> Table:
-    found = [(a, f, correlations_of(view, a, f)) for a, f in conditions(view)]
+    correlations = {cell_label(view, a, f): correlations_of(view, a, f) for a, f in conditions(view)}
     names = view.model.names
     row, column = np.tril_indices(len(names), -1)
-    size = np.nanmax([np.abs(np.nan_to_num(r["value"].values[row, column])) for _, _, r in found], axis=0)
+    size = np.nanmax([np.abs(np.nan_to_num(r["value"].values[row, column])) for r in correlations.values()], axis=0)
     pairs = list(dict.fromkeys([*first, *((names[column[k]], names[row[k]]) for k in np.argsort(-size))]))[:MOST_ROWS]
-    rows = [[f"{p}, {q}", *(value_of(r.sel(parameter=p, parameter_2=q)) for _, _, r in found)] for p, q in pairs]
-    return Table("Correlation ± MCSE, largest pairs", ["pair", *(cell_label(view, a, f) for a, f, _ in found)], rows)
+    rows = [
+        [f"{p}, {q}", *(value_of(r.sel(parameter=p, parameter_2=q)) for r in correlations.values())] for p, q in pairs
+    ]
+    return Table("Correlation ± MCSE, largest pairs", ["pair", *correlations], rows)

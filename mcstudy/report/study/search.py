@@ -13,7 +13,7 @@ from mcstudy.analysis.montecarlo import REALIZATION
 from mcstudy.analysis.search.by_starts import mean_cv, missed_by
 from mcstudy.analysis.search.convergence import starts_needed
 from mcstudy.analysis.search.stable_starts import hit_rate_by_start
-from mcstudy.analysis.show.missed import missed_percent, missed_words
+from mcstudy.analysis.show.missed_minimum import missed_percent, missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
 from mcstudy.report import figures
@@ -244,16 +244,16 @@ def _atlas_table(view: GroupView, amplitude: float, fmax: float) -> Table:
     table = atlas_of(view, amplitude, fmax).isel(cluster=slice(0, MOST_CLUSTERS))
     rows = []
     for c in range(table.sizes["cluster"]):
-        one = table.isel(cluster=c)
-        percent = xr.Dataset({k: 100 * one[k] for k in ("value", "mcse")})
+        cluster = table.isel(cluster=c)
+        percent = xr.Dataset({k: 100 * cluster[k] for k in ("value", "mcse")})
         rows.append(
             [
                 str(c + 1),
                 value_of(percent),
-                str(int(one["realizations"])),
-                str(int(one["lowest"])),
-                short(100 * one["stable"], 2),
-                short(one["excess"]),
+                str(int(cluster["realizations"])),
+                str(int(cluster["lowest"])),
+                short(100 * cluster["stable"], 2),
+                short(cluster["excess"]),
             ]
         )
     header = ["cluster", "starts (% ± MCSE)", "in realizations", "lowest in", "stable (%)", "median cost / lowest"]
@@ -304,10 +304,10 @@ def relative_errors(view: GroupView) -> list[list[str]]:
     first = cells.isel(realization=0)
     rows = []
     for name in view.model.names:
-        truth, found = (float(first[k].sel(parameter=name)) for k in ("truth", "estimate"))
-        error = 100 * abs(found / truth - 1) if truth and np.isfinite(found) else None
+        truth, estimate = (float(first[k].sel(parameter=name)) for k in ("truth", "estimate"))
+        error = 100 * abs(estimate / truth - 1) if truth and np.isfinite(estimate) else None
         rows.append(
-            [name, short(truth, 4), short(found, 4), "-" if finite(error or 0.0) is None else short(error or 0.0, 2)]
+            [name, short(truth, 4), short(estimate, 4), "-" if finite(error or 0.0) is None else short(error or 0.0, 2)]
         )
     return rows
 
@@ -373,6 +373,6 @@ def _of_stable(rate: xr.Dataset, fmax: int) -> str:
 
 
 def _percent(rate: xr.Dataset, fmax: float, loop: str) -> str:
-    here = rate.sel(fmax=fmax, loop=loop)
-    value, mcse = finite(here["value"]), finite(here["mcse"])
+    cell = rate.sel(fmax=fmax, loop=loop)
+    value, mcse = finite(cell["value"]), finite(cell["mcse"])
     return with_error(None if value is None else 100 * value, None if mcse is None else 100 * mcse)

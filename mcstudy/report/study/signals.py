@@ -26,7 +26,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
     s = Signals.of(view, context.seed, float(view.cube["amplitude"].values[0]))
     python = f'figures.NAME(figures.Signals.of(tree["{view.name}"], {context.seed}, {s.amplitude:g}))'
     peak = f"{s.amplitude:g} {unit(view)} ({view.group.stimulus.convention.replace('_', ' ')})"
-    what = "Sum of cosines" if view.group.stimulus.lines.harmonic else "Pseudorandom ternary stimulus"
+    stimulus = "Sum of cosines" if view.group.stimulus.lines.harmonic else "Pseudorandom ternary stimulus"
     rms = np.degrees(s.noise_sway).std(axis=0)
     f, error = s.frf_error(view.group.stimulus.discard)
     _, early = s.frf_error(0)
@@ -37,7 +37,7 @@ def signal_figures(context: Context) -> list[Figure | Missing]:
             "noise",
             "Stimulus and sensor noise",
             [
-                f"{what} of {peak}, {s.cycles} cycles of {s.periodic.period_s:g} s; sensor noise "
+                f"{stimulus} of {peak}, {s.cycles} cycles of {s.periodic.period_s:g} s; sensor noise "
                 "that is added to the sensed angles (low-pass filtered pink noise); and the sway that this noise alone "
                 "evokes.",
                 "RMS of that sway in this realization: "

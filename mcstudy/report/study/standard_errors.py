@@ -24,13 +24,13 @@ def zipper_figures(view: GroupView, suffix: str = "") -> list[Figure]:
     if ERROR not in view.cells:
         return []
     a, f = largest_amplitude(view), chosen_fmax(view)
-    found = performance_of(view).sel(amplitude=a, fmax=f)
+    performance = performance_of(view).sel(amplitude=a, fmax=f)
     rows = []
     for name in view.model.names:
-        of = found.sel(parameter=name)
-        off = with_error(*(finite(of.sel(measure="relative_error")[k]) for k in ("value", "mcse")))
-        shares = [{k: finite(of.sel(measure=m)[k]) for k in ("value", "lower", "upper")} for m in COVERAGES]
-        rows.append([name, off, *map(share_with_ends, shares), str(int(of["n"].sel(measure="coverage")))])
+        measures = performance.sel(parameter=name)
+        off = with_error(*(finite(measures.sel(measure="relative_error")[k]) for k in ("value", "mcse")))
+        shares = [{k: finite(measures.sel(measure=m)[k]) for k in ("value", "lower", "upper")} for m in COVERAGES]
+        rows.append([name, off, *map(share_with_ends, shares), str(int(measures["n"].sel(measure="coverage")))])
     return [
         Figure(
             f"zipper{suffix}",

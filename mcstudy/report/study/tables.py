@@ -8,12 +8,12 @@ from typing import Any
 
 from markupsafe import Markup
 
-from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL, DIFFERS
-from mcstudy.analysis.show.missed import missed_words
+from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL, DIFFERS
+from mcstudy.analysis.show.missed_minimum import missed_words
 from mcstudy.analysis.show.text import incomplete, ours, verdict
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
 from mcstudy.fitting.certainty import MISSED
-from mcstudy.report.html import html, joined, paragraphs, table, templates
+from mcstudy.report.html import html, joined, paragraphs, table
 from mcstudy.report.labels import cell_label
 from mcstudy.report.numbers import short
 from mcstudy.report.study.context import Context, stat
@@ -21,6 +21,9 @@ from mcstudy.study.instability import warning
 from mcstudy.text_tables import Table, counted, number
 
 CLASS = {AGREES: "yes", DIFFERS: "no", CANNOT_TELL: "none", None: "none"}
+
+STATEMENT = ["What", "Verdict", "Paper", "Ours ± MCSE", "z", "Where"]
+"""Columns of the table of published statements."""
 
 
 def introduction(context: Context) -> Markup:
@@ -59,7 +62,7 @@ def headline(context: Context) -> Markup:
             *(sum(counts.values()), *counts.values(), context.data["paper"]["reference"]),
         )
         + (Markup("") if laid_out is None else table(laid_out))
-        + Markup(templates().statements([_statement(r, notes) for r in rows]))
+        + table(Table("All published statements", STATEMENT, [_statement(r, notes) for r in rows], kind="stack"))
         + why
         + paragraphs(context.publication.reading)
         + html(
@@ -73,20 +76,22 @@ def _items(texts: Sequence[str], key: str) -> Markup:
     return joined(html('<li id="{}{}">{}</li>', key, i, text) for i, text in enumerate(texts, 1))
 
 
-def _statement(row: dict[str, Any], notes: Sequence[str]) -> dict[str, Any]:
-    """A row as the template shows it; ``note``: the number of its explanation."""
-    floor = f" (floor {number(row['floor'], 2)})" if row["floor"] is not None else ""
-    return {
-        "label": row["label"],
-        "kind": CLASS[row["verdict"]],
-        "verdict": verdict(row),
-        "note": notes.index(row["explanation"]) + 1 if row["explanation"] else 0,
-        "paper": _paper(row),
-        "ours": ours(row) + floor,
-        "detail": row["detail"],
-        "distance": number(row["distance"], 2),
-        "where": row["where"],
-    }
+def _statement(row: dict[str, Any], notes: Sequence[str]) -> list[str]:
+    """Cells of a row under `STATEMENT`; the verdict links to its explanation."""
+    link = html(' <a href="#note-{0}">[{0}]</a>', notes.index(row["explanation"]) + 1) if row["explanation"] else ""
+    value = ours(row) + (f" (floor {number(row['floor'], 2)})" if row["floor"] is not None else "")
+    return [
+        row["label"],
+        _verdict(row) + link,
+        _paper(row),
+        value + (html("<br> <small>{}</small>", row["detail"]) if row["detail"] else ""),
+        number(row["distance"], 2),
+        html("<small>{}</small>", row["where"]),
+    ]
+
+
+def _verdict(row: dict[str, Any]) -> Markup:
+    return html('<span class="{}">{}</span>', CLASS[row["verdict"]], verdict(row))
 
 
 def _paper(row: dict[str, Any]) -> str:
@@ -100,7 +105,7 @@ def published_beside(context: Context, keys: Sequence[str]) -> Markup:
     """The published numbers that belong to a figure, by key, as a list."""
     lines = joined(
         html("<li>{}: paper {}, ours {}", row["label"], _paper(row), ours(row))
-        + (html(' <span class="{}">{}</span>', CLASS[row["verdict"]], verdict(row)) if row["verdict"] else "")
+        + (" " + _verdict(row) if row["verdict"] else "")
         + html("</li>")
         for row in (context.published[key] for key in keys if key in context.published)
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.analysis.published.verdict import judge
-from mcstudy.analysis.published.verdict_names import DIFFERS, LIMIT
+from mcstudy.analysis.publications.verdict import judge
+from mcstudy.analysis.publications.verdict_names import DIFFERS, LIMIT
 from mcstudy.stance.noise import SensorNoise
 from mcstudy.study.experiment import Experiment
 from mcstudy.study.models import build_model

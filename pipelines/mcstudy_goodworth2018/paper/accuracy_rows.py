@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.analysis.published.sampling import Means
+from mcstudy.analysis.publications.sampling import Means
 from mcstudy_goodworth2018.paper import published
 from mcstudy_goodworth2018.paper.published import FMAX_HZ
 from mcstudy_goodworth2018.paper.ranks import ranks

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.analysis.published.sampling import Value, exact
+from mcstudy.analysis.publications.sampling import Value, exact
 from mcstudy.analysis.sensitivity import sensitivity
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import Noise, record_frequencies
@@ -88,5 +88,5 @@ def sway_values(model: Model, noise: Noise, record_s: float, cycles: int, rate_h
     for i, error in enumerate(one):
         detail = f"one record scatters by {scatter[i]:.2g} deg"
         out[f"sway_{i + 1}"] = exact(whole[i], detail, float(error))
-        out[f"sway_{i + 1}_cycle"] = exact(window[i], one=float(error))
+        out[f"sway_{i + 1}_cycle"] = exact(window[i], study_error=float(error))
     return out

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mcstudy.analysis.published.statement import Expectation, Variant
+from mcstudy.analysis.publications.statement import Expectation, Variant
 
 PAPER = "Goodworth & Peterka 2018, J Neurosci Methods 296:44-56"
 

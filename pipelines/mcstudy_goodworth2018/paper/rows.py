@@ -13,10 +13,10 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis import accuracy
-from mcstudy.analysis.published.publication import Row
-from mcstudy.analysis.published.sampling import Value
-from mcstudy.analysis.published.verdict import judge
-from mcstudy.analysis.published.verdict_names import DIFFERS
+from mcstudy.analysis.publications.publication import Row
+from mcstudy.analysis.publications.sampling import Value
+from mcstudy.analysis.publications.verdict import judge
+from mcstudy.analysis.publications.verdict_names import DIFFERS
 from mcstudy.analysis.search.minimum_curve import minimum_curve
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy_goodworth2018.paper import accuracy_rows, groups, published, search_rows

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.neural import j_nc, j_nc_within
-from mcstudy.analysis.published.sampling import Value, correlation, means, pooled
+from mcstudy.analysis.publications.sampling import Value, correlation, means, pooled
 from mcstudy.analysis.search.minimum_curve import asymptote
 from mcstudy.analysis.selection import best, usable
 from mcstudy.fitting.certainty import HIT_TOLERANCE
@@ -91,7 +91,7 @@ def starts_value(curve: xr.Dataset, noisy: bool, hit_rate: float, size: int) -> 
     largest = max((e for e in errors if np.isfinite(e)), default=float("nan"))
     detail = f"{numbers} {what}; {100 * hit_rate:.3g} % of single starts reach the minimum"
     return replace(
-        first, detail=detail, low=min(at), high=max(at), mcse=largest, one=largest * float(np.sqrt(n / size))
+        first, detail=detail, low=min(at), high=max(at), mcse=largest, study_error=largest * float(np.sqrt(n / size))
     )
 
 

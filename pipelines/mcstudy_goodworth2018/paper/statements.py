@@ -7,7 +7,7 @@ written beside them here: "typically" and "in general" as more than half, "not a
 
 from __future__ import annotations
 
-from mcstudy.analysis.published.statement import Published
+from mcstudy.analysis.publications.statement import Published
 from mcstudy_goodworth2018.paper.published import (
     AMPLITUDES_NM,
     BIAS,

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from mcstudy.analysis.neural import j_nc_within
-from mcstudy.analysis.published.sampling import (
+from mcstudy.analysis.publications.sampling import (
     Means,
     Sample,
     Value,

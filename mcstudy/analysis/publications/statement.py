@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Criterion = Literal["equal", "at most", "at least", "none"]
-"""How a published statement is compared with ours; `mcstudy.analysis.published.verdict` has the rule.
+"""How a published statement is compared with ours; `mcstudy.analysis.publications.verdict` has the rule.
 
 equal: ours equals the number. at most, at least: ours is no larger (smaller) than the number; for a ranking the number
 is 0, and ours is the margin by which the ranking holds. none: the publication gives nothing to compare with.

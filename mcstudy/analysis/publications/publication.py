@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 from mcstudy.text_tables import Table
 
 if TYPE_CHECKING:
-    from mcstudy.analysis.published.sampling import Value
-    from mcstudy.analysis.published.statement import Published, Variant
-    from mcstudy.analysis.published.verdict import Verdict
+    from mcstudy.analysis.publications.sampling import Value
+    from mcstudy.analysis.publications.statement import Published, Variant
+    from mcstudy.analysis.publications.verdict import Verdict
     from mcstudy.analysis.view import GroupView, StudyView
 
 GROUP = "mcstudy.comparisons"

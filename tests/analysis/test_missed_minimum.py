@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from mcstudy.analysis.show.missed import missed_percent, missed_words
+from mcstudy.analysis.show.missed_minimum import missed_percent, missed_words
 
 
 def cell(chance: float | None, upper: float | None, realizations: int) -> dict[str, Any]:

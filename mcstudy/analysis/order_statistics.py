@@ -37,8 +37,8 @@ def estimate_quantiles(cells: xr.Dataset, q: tuple[float, ...] = QUANTILES) -> x
     q
         The quantiles, 0 to 1.
     """
-    quantile = quantiles(cells["estimate"], q)
-    return labelled(quantile, cells, "quantile of the estimates over realizations", units_of(cells))
+    result = quantiles(cells["estimate"], q)
+    return labelled(result, cells, "quantile of the estimates over realizations", units_of(cells))
 
 
 def median_bias(cells: xr.Dataset) -> xr.Dataset:
@@ -46,16 +46,16 @@ def median_bias(cells: xr.Dataset) -> xr.Dataset:
 
     The interval (``lower``, ``upper``) is between order statistics and assumes no distribution.
     """
-    median = quantiles(cells["estimate"], (0.5,)).isel(quantile=0, drop=True)
+    result = quantiles(cells["estimate"], (0.5,)).isel(quantile=0, drop=True)
     for name in ("value", "lower", "upper"):
-        median[name] = median[name] - cells["truth"]
-    return labelled(median, cells, "median bias (median estimate minus truth)", units_of(cells))
+        result[name] = result[name] - cells["truth"]
+    return labelled(result, cells, "median bias (median estimate minus truth)", units_of(cells))
 
 
 def median_cost(cells: xr.Dataset) -> xr.Dataset:
     """Median cost of the best fits over realizations: dims (amplitude, fmax), with a 95 % interval."""
-    median = quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True)
-    return labelled(median, cells, "median cost of the best fits")
+    result = quantiles(cells["cost"], (0.5,)).isel(quantile=0, drop=True)
+    return labelled(result, cells, "median cost of the best fits")
 
 
 def mad(cells: xr.Dataset) -> xr.Dataset:
@@ -76,8 +76,8 @@ def mad(cells: xr.Dataset) -> xr.Dataset:
         output_dtypes=[float, float],
     )
     n = x.notnull().sum(REALIZATION)
-    deviation = xr.Dataset({"value": value, "mcse": mcse, "n": n, "left_out": x.sizes[REALIZATION] - n})
-    return labelled(deviation, cells, "median absolute deviation from the median", units_of(cells))
+    result = xr.Dataset({"value": value, "mcse": mcse, "n": n, "left_out": x.sizes[REALIZATION] - n})
+    return labelled(result, cells, "median absolute deviation from the median", units_of(cells))
 
 
 def _mad_with_error(x: np.ndarray) -> tuple[float, float]:

@@ -37,14 +37,15 @@ class Value:
     Attributes
     ----------
     value: mean over blocks of the paper's size. mcse: its standard error; NaN for fewer than three realizations.
-    one: standard error of the number of a single study of the paper's size. n: realizations used (the largest number
-    of any cell). blocks: number of blocks; 1 for a study of the paper's size or a smaller one.
+    study_error: standard error of the number of a single study of the paper's size.
+    n: realizations used (the largest number of any cell).
+    blocks: number of blocks; 1 for a study of the paper's size or a smaller one.
     detail: the values behind the number, as text. low, high: range over the readings of a definition; NaN without.
     """
 
     value: float
     mcse: float
-    one: float
+    study_error: float
     n: int
     blocks: int = 1
     detail: str = ""
@@ -52,9 +53,9 @@ class Value:
     high: float = float("nan")
 
 
-def exact(value: float, detail: str = "", one: float = 0.0) -> Value:
-    """A number without Monte Carlo error; ``one``: the error the paper's has nevertheless."""
-    return Value(float(value), 0.0, one, 1, detail=detail)
+def exact(value: float, detail: str = "", study_error: float = 0.0) -> Value:
+    """A number without Monte Carlo error; ``study_error``: the error the paper's has nevertheless."""
+    return Value(float(value), 0.0, study_error, 1, detail=detail)
 
 
 def slabs(realizations: int, size: int) -> list[slice]:
@@ -127,8 +128,8 @@ def pooled(value: np.ndarray, error: np.ndarray, n: int, size: int) -> Value:
     if not keep.any():
         return Value(float("nan"), float("nan"), float("nan"), 0)
     v, e = value[keep], error[keep]
-    sd = float(v.std(ddof=1)) if v.size >= MANY else float(np.sqrt(np.mean(e**2)))
-    return Value(float(v.mean()), sd / np.sqrt(v.size), sd * np.sqrt(n / size), n * v.size, int(v.size))
+    spread = float(v.std(ddof=1)) if v.size >= MANY else float(np.sqrt(np.mean(e**2)))
+    return Value(float(v.mean()), spread / np.sqrt(v.size), spread * np.sqrt(n / size), n * v.size, int(v.size))
 
 
 @dataclass(frozen=True)
@@ -188,9 +189,7 @@ def bootstrap(x: np.ndarray, of_means: Callable[[Means], T], statistics: Statist
     most = int(used.reshape(*used.shape[:2], -1).any(-1).sum(1).max())
     first = of_means(whole)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return {
-            k: Sample(statistic(first), statistic(again).std(1, ddof=1), most) for k, statistic in statistics.items()
-        }
+        return {key: Sample(f(first), f(again).std(1, ddof=1), most) for key, f in statistics.items()}
 
 
 def without_one(x: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Whether a published number and ours are the same: agrees, differs or cannot tell.
 
 Both are numbers of Monte Carlo studies, so both have an error. The paper's is not published; it is the error that a
-study of the paper's size would have if its model were ours (`Value.one`). It does not shrink when ours does.
+study of the paper's size would have if its model were ours (`Value.study_error`). It does not shrink when ours does.
 
 agrees: the two are equivalent. The 90 % interval of their difference lies within a margin (two one-sided tests at 5 %;
 Schuirmann 1987, J Pharmacokinet Biopharm 15:657-680). differs: they are further apart than `LIMIT` (`LIMIT_FEW`)
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.analysis.published.sampling import MANY, Value
-from mcstudy.analysis.published.statement import Published
-from mcstudy.analysis.published.verdict_names import AGREES, CANNOT_TELL, DIFFERS, LIMIT
+from mcstudy.analysis.publications.sampling import MANY, Value
+from mcstudy.analysis.publications.statement import Published
+from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL, DIFFERS, LIMIT
 
 LIMIT_FEW = 3.75
 """The same for fewer than `MANY` blocks, whose error is itself an estimate, too small where a mean |bias| is small by
@@ -67,19 +67,19 @@ def judge(paper: Published, ours: Value) -> Verdict:
     if np.isfinite(ours.low):
         return _of_range(paper, ours)
     if paper.sampled and ours.n < ENOUGH * paper.n:
-        return Verdict(CANNOT_TELL, error=ours.mcse, paper_error=ours.one, needed=paper.n, limited_by=OURS)
-    if not (np.isfinite(ours.mcse) and np.isfinite(ours.one)):
+        return Verdict(CANNOT_TELL, error=ours.mcse, paper_error=ours.study_error, needed=paper.n, limited_by=OURS)
+    if not (np.isfinite(ours.mcse) and np.isfinite(ours.study_error)):
         return Verdict(CANNOT_TELL, needed=paper.n, limited_by=OURS)
     gap = ours.value - paper.value
-    error = float(np.hypot(ours.mcse, ours.one))
+    error = float(np.hypot(ours.mcse, ours.study_error))
     beyond, inside = _apart(paper, gap)
     distance = float(np.sign(gap)) * max(beyond, 0.0) / error + 0.0 if error > 0 else float("nan")
     name = _name(beyond, inside, error, ours.blocks)
-    verdict = Verdict(name, distance, error, ours.one)
+    answer = Verdict(name, distance, error, ours.study_error)
     if name != CANNOT_TELL:
-        return verdict
-    blocks = _blocks_needed(beyond, inside, ours.one)
-    return Verdict(name, distance, error, ours.one, blocks * paper.n, OURS if blocks else THEIRS)
+        return answer
+    blocks = _blocks_needed(beyond, inside, ours.study_error)
+    return Verdict(name, distance, error, ours.study_error, blocks * paper.n, OURS if blocks else THEIRS)
 
 
 def _apart(paper: Published, gap: float) -> tuple[float, float]:
@@ -98,11 +98,11 @@ def _name(beyond: float, inside: float, error: float, blocks: int) -> str:
     return DIFFERS if beyond > limit * error else CANNOT_TELL
 
 
-def _blocks_needed(beyond: float, inside: float, one: float) -> int:
+def _blocks_needed(beyond: float, inside: float, study_error: float) -> int:
     """Blocks of the paper's size that would decide if our value stays; 0 if none would."""
 
     def told(blocks: int) -> bool:
-        return _name(beyond, inside, one * math.sqrt(1 + 1 / blocks), blocks) != CANNOT_TELL
+        return _name(beyond, inside, study_error * math.sqrt(1 + 1 / blocks), blocks) != CANNOT_TELL
 
     if not told(MOST_BLOCKS):  # a smaller error of ours only helps
         return 0
@@ -115,7 +115,7 @@ def _blocks_needed(beyond: float, inside: float, one: float) -> int:
 
 def _of_range(paper: Published, ours: Value) -> Verdict:
     """Ours ranges over readings of a definition that the paper does not give: all of them must agree, or differ."""
-    error = float(np.hypot(ours.mcse, ours.one)) if np.isfinite(ours.one) else 0.0
+    error = float(np.hypot(ours.mcse, ours.study_error)) if np.isfinite(ours.study_error) else 0.0
     spans = ours.low <= paper.value <= ours.high
     readings = [ours.low, ours.high, *([paper.value] if spans else [])]
     names = {_name(*_apart(paper, x - paper.value), error, ours.blocks) for x in readings}
@@ -123,4 +123,4 @@ def _of_range(paper: Published, ours: Value) -> Verdict:
     nearest = min(max(paper.value, ours.low), ours.high) - paper.value
     beyond = max(abs(nearest) - paper.half_unit, 0.0)
     distance = float(np.sign(nearest)) * beyond / error + 0.0 if error > 0 else float("nan")
-    return Verdict(name, distance, error, ours.one, limited_by=DEFINITION if name == CANNOT_TELL else "")
+    return Verdict(name, distance, error, ours.study_error, limited_by=DEFINITION if name == CANNOT_TELL else "")

@@ -13,9 +13,9 @@ import pytest
 
 import mcstudy as mc
 from mcstudy import program
-from mcstudy.analysis import kept as module
+from mcstudy.analysis import cache as module
 from mcstudy.analysis import results
-from mcstudy.analysis.kept import MOST, folder, kept
+from mcstudy.analysis.cache import MOST, folder, kept
 from mcstudy.analysis.show.tables import show
 from mcstudy.cli import main
 from mcstudy.errors import StoreError

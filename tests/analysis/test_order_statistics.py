@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 from scipy.stats import median_abs_deviation
 
-from mcstudy.analysis import robust
-from mcstudy.analysis.robust import estimate_quantiles, mad, median_bias
+from mcstudy.analysis import order_statistics
+from mcstudy.analysis.order_statistics import estimate_quantiles, mad, median_bias
 
 Cube = Callable[..., xr.Dataset]
 
@@ -45,7 +45,7 @@ def test_their_errors_are_the_scatter_of_repeated_studies() -> None:
 
 def test_errors_from_smaller_resamples_are_the_scatter_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 300 realizations 60 are drawn; once normal, once with 38 % on a bound."""
-    monkeypatch.setattr(robust, "LARGEST_RESAMPLE", 60)
+    monkeypatch.setattr(order_statistics, "LARGEST_RESAMPLE", 60)
     rng = np.random.default_rng(4)
     for x in (rng.standard_normal((200, 300)), np.maximum(rng.standard_normal((200, 300)), -0.3)):
         found = mad(cells_of(x))
@@ -54,10 +54,10 @@ def test_errors_from_smaller_resamples_are_the_scatter_too(monkeypatch: pytest.M
 
 def test_the_time_of_a_resample_does_not_grow_with_the_study(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[int] = []
-    plain = robust._mad
-    monkeypatch.setattr(robust, "_mad", lambda x: seen.append(x.size) or plain(x))
+    plain = order_statistics._mad
+    monkeypatch.setattr(order_statistics, "_mad", lambda x: seen.append(x.size) or plain(x))
     mad(cells_of(np.arange(50_000.0)))
-    assert seen == [50_000, robust.RESAMPLES * robust.LARGEST_RESAMPLE]
+    assert seen == [50_000, order_statistics.RESAMPLES * order_statistics.LARGEST_RESAMPLE]
 
 
 def test_the_interval_of_the_median_holds_it_also_where_estimates_sit_on_two_bounds() -> None:

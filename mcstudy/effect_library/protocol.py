@@ -18,8 +18,8 @@ from mcstudy.effect_library import library
 from mcstudy.effect_library.effect import TrialSetting
 from mcstudy.errors import FallsError, InputError
 from mcstudy.recordings.checks import LARGEST_SWAY
-from mcstudy.recordings.recording import AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size
-from mcstudy.stance.body import STIMULI, TORQUES, Body, two_segment
+from mcstudy.recordings.recording import AMPLITUDE, ANY_AMPLITUDE, RATE_HZ, Recording, Trial, refuse_size
+from mcstudy.stance.body import STIMULI, TORQUES, Body, standing, two_segment
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.line_stimulus import LineStimulus, Stimulus
 from mcstudy.stance.noise import SensorNoise
@@ -57,11 +57,13 @@ class Protocol:
 
     Attributes
     ----------
-    stimulus: kind of stimulus. waveform: one period; its rate is the recording's, its convention is recorded.
+    stimulus: kind of stimulus; "" for a declared model, whose stimulus has none.
+    waveform: one period; its rate is the recording's, its convention is recorded.
     amplitudes: per trial, in the stimulus' unit and the waveform's convention.
     cycles: periods per trial. periodic: when False every trial has its own random waveform of the same length,
         spectrum and amplitude that never repeats.
-    noise: sensor noise inside the loop.
+    noise: sensor noise inside the loop. measurement_sd: of white noise on a sample of each output, outside the loop, or
+        one for all, in the unit of the output; none when empty.
     """
 
     stimulus: str = "ankle_torque"
@@ -70,14 +72,16 @@ class Protocol:
     cycles: int = 6
     periodic: bool = True
     noise: SensorNoise = field(default_factory=SensorNoise)
+    measurement_sd: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.stimulus not in STIMULI:
+        if self.stimulus and self.stimulus not in STIMULI:
             raise InputError(f"stimulus: expected one of {', '.join(STIMULI)}, got {self.stimulus!r}")
         if not self.amplitudes:
             raise InputError("amplitudes: expected at least one number, got none")
+        allowed = AMPLITUDE[STIMULI[self.stimulus]] if self.stimulus else ANY_AMPLITUDE
         for amplitude in self.amplitudes:
-            if fault := AMPLITUDE[STIMULI[self.stimulus]].fault(amplitude):
+            if fault := allowed.fault(amplitude):
                 raise InputError(f"amplitudes: {fault}")
         if fault := RATE_HZ.fault(self.waveform.rate_hz):
             raise InputError(f"rate_hz: {fault}")
@@ -108,7 +112,8 @@ def simulate_recording(
     theta: parameters of ``model`` without effects, (P,).
     effects: names from the library. sizes: a value for every parameter they add; shape parameters default to the
         middle of their range.
-    model: `two_segment` of ``body`` when None. body: what the recording states as the body.
+    model: `two_segment` of ``body`` when None; its outputs are recorded if it is a declared one.
+    body: what the recording states as the body.
     torque: a torque that depends on the sway itself (solved by iteration); measure: a distortion of the recorded
         angles; rule: fields of `Rules` by trial, in place of those of ``effects``. All three are for effects outside
         the library.
@@ -116,26 +121,38 @@ def simulate_recording(
     Raises `InputError` for an effect without a size, `FallsError` for a body that is unstable
     or falls in the simulation (an angle exceeds `LARGEST_SWAY`).
     """
-    body = body or Body()
+    body, declared = body or Body(), model if model is not None and not standing(model) else None
     model, theta = body_with_effects(model or two_segment(body, protocol.stimulus), theta, effects, sizes or {})
     reference = float(np.exp(np.mean(np.log(protocol.amplitudes))))
     trials = []
     for amplitude, stream in zip(protocol.amplitudes, rng.spawn(len(protocol.amplitudes)), strict=True):
         noise_stream, rule_stream, stimulus_stream = stream.spawn(3)
-        stimulus = _stimulus(protocol, amplitude, stimulus_stream)
+        stimulus = _stimulus(protocol, amplitude, stimulus_stream, model.senses_motion)
         n, rate = stimulus.shape[0], protocol.waveform.rate_hz
         setting = TrialSetting(model, amplitude, reference, n, rate, rule_stream)
         rules = library.rules(effects, dict(sizes or {}), setting) if rule is None else Rules(**rule(setting))
         noise = protocol.noise.sample(noise_stream, n, rate)
         sway = _with_torque(model, theta, stimulus, rate, noise, rules, torque)
-        if not np.abs(sway.theta).max() < LARGEST_SWAY:
+        if not np.abs(sway.theta).max() < (LARGEST_SWAY if declared is None else np.inf):
             raise FallsError(f"{name}: the body falls; reduce the size of {', '.join(effects) or 'the stimulus'}")
         recorded = sway.theta if measure is None else measure(sway.theta, rate)
+        if declared is not None:
+            recorded = recorded[:, : declared.n_outputs]
+        if protocol.measurement_sd:
+            recorded = recorded + stream.spawn(1)[0].standard_normal(recorded.shape) * protocol.measurement_sd
         trials.append(Trial(stimulus if stimulus.ndim == 1 else stimulus[:, 0].copy(), recorded, amplitude))
     period_s = protocol.waveform.period_s if protocol.periodic else None
     convention = protocol.waveform.convention
     return Recording(
-        tuple(trials), protocol.waveform.rate_hz, period_s, protocol.stimulus, body, convention, name, provenance
+        tuple(trials),
+        protocol.waveform.rate_hz,
+        period_s,
+        protocol.stimulus,
+        body,
+        convention,
+        name,
+        provenance,
+        model=declared,
     )
 
 
@@ -198,8 +215,11 @@ def draw_case(
     raise FallsError(f"effects {', '.join(effects)}: no stable body found in {attempts} attempts")
 
 
-def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) -> np.ndarray:
-    """Whole record of one trial, (n,), or (n, 3) with derivatives for a motion (of a platform or a visual scene)."""
+def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator, senses_motion: bool) -> np.ndarray:
+    """Whole record of one trial, (n,), or (n, 3) with derivatives for a motion (of a platform or a visual scene).
+
+    Of a declared model with derivatives if it ``senses_motion``.
+    """
     waveform = replace(protocol.waveform, amplitude=amplitude)
     period, rate = waveform.waveform(), waveform.rate_hz
     if not protocol.periodic:
@@ -210,10 +230,11 @@ def _stimulus(protocol: Protocol, amplitude: float, rng: np.random.Generator) ->
         coefficients[0] = 0.0
         period = fft.irfft(coefficients, period.size * protocol.cycles)
         period *= waveform.peak / np.abs(period).max()
-    if protocol.stimulus not in TORQUES:
+    if protocol.stimulus and protocol.stimulus not in TORQUES:
         record = with_derivatives(smoothed(period, rate, waveform.peak), rate)
     else:  # a PRTS is linear between samples, cosines are not
-        record = with_derivatives(period, rate) if isinstance(waveform, LineStimulus) else period
+        smooth_record = isinstance(waveform, LineStimulus) or (not protocol.stimulus and senses_motion)
+        record = with_derivatives(period, rate) if smooth_record else period
     return (
         np.tile(record, (protocol.cycles, *[1] * (record.ndim - 1)))[: _length(protocol)]
         if protocol.periodic

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mcstudy.recordings.units import as_shown
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
@@ -79,8 +80,7 @@ def predicted_sway(model: Model, theta: np.ndarray, bodies: np.ndarray, lines: L
     if not np.isfinite(lines.power).all():
         return None
     everybody = np.concatenate([theta[None], bodies])
-    told = [(np.rad2deg(1.0), "deg") if unit == "rad" else (1.0, unit) for unit in model.output_units]
-    per, units = zip(*told, strict=True)
+    per, units = zip(*map(as_shown, model.output_units), strict=True)
     stimulus = _rms(lines.power, np.abs(frf(model, everybody, lines.f)) ** 2) * per  # (1 + M, Y)
     measured, error = (x * per for x in _measured(lines))
     noise = _noise(model, everybody, lines) if standing(model) else None

@@ -63,12 +63,12 @@ def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = (), mo
     """
     files = Files(folder, sheet.text.dialect(), where, own)
     columns = Columns.of(model, sheet.stimulus)
-    body, source = _subject(sheet, files, where, model)
-    if not sheet.trials:
-        raise RecordingError(f"{where}: trials: expected at least one")
     sheet.channels.require_outputs(columns.outputs, f"{where}: channels")
     for k, trial in enumerate(sheet.trials):
         trial.require_outputs(columns.outputs, f"{where}: trials.{k}")
+    body, source = _subject(sheet, files, where, model)
+    if not sheet.trials:
+        raise RecordingError(f"{where}: trials: expected at least one")
     read, notes = trials_of(sheet, columns, files, where)
     notes = (*notes, *([source] if source else []))
     with refused(RecordingError, where=where):

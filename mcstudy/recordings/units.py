@@ -89,6 +89,11 @@ _PER_TIME = re.compile(r"(?P<over>.+?)(?:\^?[-−](?P<power>[12])|⁻(?P<raised>
 """A unit with a negative power of a second at its end, ``deg s-1``."""
 
 
+def as_shown(unit: str) -> tuple[float, str]:
+    """Factor and unit in which people read values: deg for rad, else the unit itself."""
+    return (180 / math.pi, "deg") if unit == "rad" else (1.0, unit)
+
+
 def _bare(unit: str) -> str:
     """A spelling without blanks, dots and hyphens between its parts: N·m, N.m, N-m and N*m are Nm."""
     return re.sub(r"[\s·⋅∙×*._-]", "", unit.strip().strip("[](){}")).replace("µ", "u").replace("μ", "u")

@@ -1,4 +1,7 @@
-"""Bodies drawn around that of a design file: every parameter and the mass vary, and only stable bodies stand."""
+"""Bodies drawn around that of a design file: every parameter and the mass vary, and only stable bodies stand.
+
+Of a declared model, whose terms do not say what is proportional to a mass, the parameters vary alone.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,8 @@ MASS = ("J1", "J2", "C1", "C2", "A1", "A2")
 
 def drawn(file: DesignFile, n: int, rng: np.random.Generator) -> list[ModelSection]:
     """``n`` stable bodies as model sections of a study; raises `DesignError` when too few are stable."""
-    base, body = build_model(file.group()), asdict(Body(**file.model.body))
+    base = build_model(file.group())
+    body = {} if file.model.declared else asdict(Body(**file.model.body))
     return [
         with_values(
             file.model,
@@ -45,6 +49,8 @@ def factors(file: DesignFile, base: Model, n: int, rng: np.random.Generator) -> 
         if len(stable) >= n:
             break
         some = 1 + rng.uniform(-spread, spread, (max(n, 1), stable.shape[1]))
+        if file.model.declared:
+            some[:, -1] = 1.0
         stable = np.concatenate([stable, some[growth_rate(base, equivalent(base, some)) < 0]])
     if len(stable) < n:
         raise DesignError(f"prior.spread: no {n} stable bodies in {ATTEMPTS * n} draws, got {spread:g}")
@@ -64,7 +70,7 @@ def equivalent(base: Model, factor: np.ndarray) -> np.ndarray:
 
 def with_values(section: ModelSection, truth: dict[str, float], body: dict[str, float]) -> ModelSection:
     """A model section with other true values; bounds stay relative to them."""
-    fields: dict[str, Any] = section.model_dump(mode="json") | {"truth": truth, "body": body}
+    fields: dict[str, Any] = section.model_dump(mode="json") | {"truth": truth} | ({"body": body} if body else {})
     return ModelSection(**fields)
 
 

@@ -17,11 +17,11 @@ from mcstudy.files.plain_errors import validated
 from mcstudy.files.sections import Name, Positive, Section
 from mcstudy.stance.ranges import AMPLITUDE, RATE
 from mcstudy.stimulus_design.difference import check_effects
-from mcstudy.study.catalogue import read_file
+from mcstudy.study.catalogue import located, read_file
 from mcstudy.study.checks import check_group, noisy_outputs
 from mcstudy.study.group import FREQUENCY, HIGHEST_HZ, Group, ModelSection, NoiseSection, StimulusSection
 from mcstudy.study.models import build_model
-from mcstudy.study.study_file import check_tables
+from mcstudy.study.study_file import check_tables, named_model
 
 KIND = "design"
 
@@ -126,7 +126,10 @@ class DesignFile(Section):
         """A group of a study with this model, stimulus and noise, and other ``fields``; checked by nobody yet."""
         axes = {"realizations": 1, "starts": 1, "fmax": [self.design.fmax], "amplitude": [self.design.amplitude]}
         sections = {"model": self.model, "stimulus": self.stimulus, "noise": self.noise}
-        return Group(**{**axes, "spectra": {"points": "odd_lines"}, **sections, **fields})
+        spectra: dict[str, Any] = {"points": "odd_lines"}
+        if self.model.declared:
+            spectra["highest_hz"] = self.design.fmax
+        return Group(**{**axes, "spectra": spectra, **sections, **fields})
 
     @property
     def period_s(self) -> float:
@@ -142,11 +145,14 @@ class DesignFile(Section):
 
 def read_design(path: str | Path) -> DesignFile:
     """The design of a file, or of a shipped one by name; raises `DesignError` with one line."""
-    return read_file(path, KIND, parse_design)
+    folder = located(path, KIND).parent
+    return read_file(path, KIND, lambda raw: parse_design(raw, folder))
 
 
-def parse_design(raw: dict[str, Any]) -> DesignFile:
-    """The design of a parsed file; the one-line `DesignError` starts with the field."""
+def parse_design(raw: dict[str, Any], folder: Path | None = None) -> DesignFile:
+    """The design of a parsed file, which may name its model; the one-line `DesignError` starts with the field."""
+    if "model" in raw:
+        raw = {**raw, "model": named_model(raw["model"], "model", folder)}
     check_tables(raw, tuple(DesignFile.model_fields))
     if KIND not in raw:
         raise DesignError(f"{KIND}: missing, expected a table [{KIND}] with name and seed")
@@ -159,10 +165,6 @@ def _check(file: DesignFile) -> None:
     design, s = file.design, file.stimulus
     if s.lines.harmonic:
         raise DesignError("stimulus.lines: expected none: a design is compared with the sequence")
-    if file.model.declared:
-        raise DesignError(
-            "model: expected two_segment or one_segment, because a design weighs bodies, got a declared one"
-        )
     check_group(file.group())
     if s.discard == 0:
         raise DesignError(
@@ -175,12 +177,15 @@ def _check(file: DesignFile) -> None:
             f"limits.duration_s: expected room for {s.discard + 1} cycles ({s.discard} of them discarded) of "
             f"{file.period_s:g} s, got {file.limits.duration_s:g} s"
         )
-    if design.fmax > HIGHEST_HZ:
-        raise DesignError(f"design.fmax: expected at most {HIGHEST_HZ:g} Hz, got {design.fmax}")
+    highest = s.rate_hz / 2 if file.model.declared else HIGHEST_HZ
+    if design.fmax > highest:
+        raise DesignError(f"design.fmax: expected at most {highest:g} Hz, got {design.fmax}")
     if (design.criterion == "c") != bool(design.parameter):
         raise DesignError("design.parameter: expected a parameter for criterion 'c', and none for the others")
     if design.criterion != DIFFERENCE and design.effects:
         raise DesignError(f"design.effects: expected none for criterion {design.criterion!r}")
+    if design.criterion == DIFFERENCE and file.model.declared:
+        raise DesignError("design.criterion: expected D, A or c for a declared model, to which no effects attach here")
     if design.criterion == DIFFERENCE:
         try:
             check_effects(design.effects)

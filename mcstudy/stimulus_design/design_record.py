@@ -150,11 +150,11 @@ class StimulusDesignRecord:
                     "peak": s.peak,
                     "rate_rms": s.rate,
                     "crest_factor": s.crest_factor,
-                    "sway_rms_deg": np.degrees(s.sway),
+                    **self._sway("sway_rms", s.sway),
                 }
                 for name, s in zip(STIMULI, self.sizes, strict=True)
             },
-            "noise_sway_rms_deg": np.degrees(self.noise_sway),
+            **self._sway("noise_sway_rms", self.noise_sway),
             "parameters": list(self.names),
             "predicted_cv": _by_stimulus(self.cv),
             "predicted_cv_with_bounds": _by_stimulus(self.bounded_cv),
@@ -167,6 +167,11 @@ class StimulusDesignRecord:
             ],
         }
         return dict(plain(value))
+
+    def _sway(self, name: str, rms: np.ndarray) -> dict[str, np.ndarray]:
+        """The RMS of all outputs: in deg if they are angles in rad, else in their units."""
+        angles = set(self.designed.model.output_units) == {"rad"}
+        return {f"{name}_deg": np.degrees(rms)} if angles else {name: rms}
 
     def _differences(self) -> list[dict[str, Any]]:
         difference = self.designed.difference

@@ -61,7 +61,8 @@ class Spread:
 
 def costs(file: DesignFile) -> tuple[str, ...]:
     """The estimators that a design file can be verified with: the paper's points exist for its cycle only."""
-    return ("ml", "paper") if abs(file.period_s - PERIOD_S) < 1e-9 else ("ml",)
+    papers = not file.model.declared and abs(file.period_s - PERIOD_S) < 1e-9
+    return ("ml", "paper") if papers else ("ml",)
 
 
 def study_of(designed: Designed) -> Study:
@@ -105,6 +106,10 @@ def _groups(
     shared = file.stimulus.model_dump(mode="json") | {"cycles": file.cycles}
     lines = {"sequence": {}, "design": {"lines": designed.lines.model_dump(mode="json")}}
     amplitude = {"sequence": file.design.amplitude, "design": designed.stimulus.amplitude}
+    settings = COSTS
+    if file.model.declared:
+        ml = COSTS["ml"]
+        settings = {"ml": ml | {"spectra": ml["spectra"] | {"highest_hz": file.design.fmax}}}
     return {
         f"{prefix}{which}_{cost}": {
             **axes,
@@ -113,7 +118,7 @@ def _groups(
             "model": model,
             "stimulus": shared | lines[which],
             "noise": file.noise,
-            **COSTS[cost],
+            **settings[cost],
         }
         for cost in costs
         for which in STIMULI

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mcstudy.effect_library.library import effect
+from mcstudy.recordings.units import as_shown
 from mcstudy.stimulus_design.design_record import StimulusDesignRecord, geometric_mean
 from mcstudy.stimulus_design.verify import Spread
 from mcstudy.text_tables import Table, counted, fill, number, with_error
@@ -48,7 +49,7 @@ def compared(sequence: float, design: float, times: str = "x") -> list[str]:
 def heading(design: StimulusDesignRecord) -> str:
     """What was designed and what it promises."""
     d, s = design.designed, design.designed.file.design
-    kind = d.file.stimulus.kind.replace("_", " ")
+    kind = d.model.name if d.file.model.declared else d.file.stimulus.kind.replace("_", " ")
     what = f"{CRITERIA[s.criterion]} {s.parameter}".strip() + f" stimulus ({kind})"
     gain = geometric_mean(design.predicted_ratio)
     kept = geometric_mean(design.bounded_cv[0] / design.bounded_cv[1])
@@ -93,10 +94,13 @@ def sizes(design: StimulusDesignRecord) -> Table:
         (f"peak ({unit})", before.peak, after.peak),
         (f"RMS of its rate ({unit}/s)", before.rate, after.rate),
     ]
-    for k, (*sway, noise) in enumerate(zip(before.sway, after.sway, design.noise_sway, strict=True)):
-        both = np.hypot(sway, noise)
-        values.append((f"RMS of evoked sway, theta{k + 1} (deg)", *np.degrees(sway).tolist()))
-        values.append((f"the same with the noise sway, theta{k + 1} (deg)", *np.degrees(both).tolist()))
+    model = design.designed.model
+    of_outputs = zip(model.output_names, model.output_units, before.sway, after.sway, design.noise_sway, strict=False)
+    for name, own, *sway, noise in of_outputs:
+        per, shown = as_shown(own)
+        values.append((f"RMS of evoked sway, {name} ({shown})", *(per * np.array(sway)).tolist()))
+        both = per * np.hypot(sway, noise)
+        values.append((f"the same with the noise sway, {name} ({shown})", *both.tolist()))
     rows = [[name, number(a), number(b), number(b / a)] for name, a, b in values]
     rows.insert(3, ["crest factor", number(before.crest_factor), number(after.crest_factor), "-"])
     return Table("Sizes", ["", "sequence", "design", "ratio"], rows)

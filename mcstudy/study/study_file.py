@@ -45,7 +45,7 @@ def parse_study(text: str) -> Study:
 
 def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
     if "model" in raw:
-        raw = {**raw, "model": _model(raw["model"], "model", folder)}
+        raw = {**raw, "model": named_model(raw["model"], "model", folder)}
     check_tables(raw, ("study", *SECTIONS, "group"))
     if "study" not in raw:
         raise DesignError("study: missing, expected a table [study] with name and seed")
@@ -62,7 +62,7 @@ def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
             raise DesignError(f"{where}: expected a table [{where}], got {short(fields)}")
         base = shared
         if "model" in fields:
-            fields = {**fields, "model": _model(fields["model"], f"{where}.model", folder)}
+            fields = {**fields, "model": named_model(fields["model"], f"{where}.model", folder)}
             if _another(fields["model"], shared.get("model", {})):
                 base = {key: value for key, value in shared.items() if key != "model"}
         for key in SECTIONS:
@@ -74,7 +74,7 @@ def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
     return study
 
 
-def _model(given: Any, where: str, folder: Path | None) -> Any:
+def named_model(given: Any, where: str, folder: Path | None) -> Any:
     """The table of a model that may be given by its name or its file, beside which the study file lies."""
     try:
         return spelled_out(given, folder)

@@ -21,26 +21,28 @@ class Sizes(TypedDict):
 
     trial: Number
     time: Annotated[int, Field(ge=10)]
-    angle: Literal[2]
-    """theta1 (lower body in space), theta2 (hip), in this order"""
+    angle: Number
+    """of a standing body theta1 (lower body in space), theta2 (hip), in this order; of a declared model its outputs,
+    which the coordinate `angle` names (in Zarr the attribute `angles`)"""
 
 
 @open_ended
 class Stimulus(TypedDict):
-    """the stimulus in the unit of its kind"""
+    """the stimulus in the unit of its kind (N m, m or rad), or of the declared model"""
 
     dims: TrialTime
     dtype: Literal["float64"]
-    units: Literal["N m", "m", "rad"]
+    units: str
 
 
 @open_ended
 class Theta(TypedDict):
-    """joint angles; written in rad, a reader also takes deg and mrad"""
+    """joint angles, written in rad, of which a reader also takes deg and mrad; or the outputs of the declared model in
+    their units"""
 
     dims: TrialTimeAngle
     dtype: Literal["float64"]
-    units: Literal["rad", "mrad", "deg", "degree", "degrees"]
+    units: str
 
 
 @open_ended
@@ -49,7 +51,7 @@ class Amplitude(TypedDict):
 
     dims: ByTrial
     dtype: Literal["float64"]
-    units: Literal["N m", "m", "rad"]
+    units: str
 
 
 @open_ended
@@ -85,11 +87,16 @@ class Attrs(TypedDict):
     """sampling rate, Hz"""
     period_s: NotRequired[Positive]
     """period of the stimulus, s; absent when it is not periodic"""
-    stimulus_kind: Literal["ankle_torque", "hip_torque", "platform_translation", "surface_tilt", "visual_tilt"]
+    stimulus_kind: Literal[
+        "ankle_torque", "hip_torque", "platform_translation", "surface_tilt", "visual_tilt", "stimulus"
+    ]
+    """`stimulus` is that of a declared model"""
     convention: Literal["peak", "peak_to_peak"]
-    body: Annotated[str, Field(json_schema_extra={"contentMediaType": "application/json"})]
-    """JSON text: J1, J2, C1, C2 in kg m^2, A1, A2 in kg m, g in m/s^2 (linearised two-segment body; the ankle row is
-    the whole-body balance)"""
+    model: NotRequired[Annotated[str, Field(json_schema_extra={"contentMediaType": "application/json"})]]
+    """JSON text: the declared model whose outputs were measured, as `model`; absent for a standing body"""
+    body: NotRequired[Annotated[str, Field(json_schema_extra={"contentMediaType": "application/json"})]]
+    """of a standing body; JSON text: J1, J2, C1, C2 in kg m^2, A1, A2 in kg m, g in m/s^2 (linearised two-segment body;
+    the ankle row is the whole-body balance)"""
 
 
 @open_ended

@@ -231,7 +231,9 @@ class Size(TypedDict):
     peak: float
     rate_rms: float
     crest_factor: Annotated[float, Field(ge=1)]
-    sway_rms_deg: Annotated[list[float | None], Field(min_length=1)]
+    sway_rms_deg: NotRequired[Annotated[list[float | None], Field(min_length=1)]]
+    sway_rms: NotRequired[Annotated[list[float | None], Field(min_length=1)]]
+    """of a declared model whose outputs are not in rad, in their units"""
 
 
 @closed
@@ -322,7 +324,9 @@ class StimulusDesign(TypedDict):
     """share of each limit that the design uses, in power; sway: of the body of the file, or of the one in whom a share
     limits.bodies_within of the bodies sway less"""
     size: Annotated[dict[str, Size], Field(json_schema_extra={"required": ["sequence", "design"]})]
-    noise_sway_rms_deg: Annotated[list[float | None], Field(min_length=1)]
+    noise_sway_rms_deg: NotRequired[Annotated[list[float | None], Field(min_length=1)]]
+    noise_sway_rms: NotRequired[Annotated[list[float | None], Field(min_length=1)]]
+    """of a declared model whose outputs are not in rad, in their units"""
     """RMS sway of the noise alone"""
     parameters: Annotated[list[str], Field(min_length=1)]
     predicted_cv: Pair

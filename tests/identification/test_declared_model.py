@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 import mcstudy as mc
+from mcstudy.cli import main
 from mcstudy.errors import RecordingError
+from mcstudy.exits import Exit
 from mcstudy.models.catalogue import checked_table, written
-from tests.helpers.declared import TABLE, drive, drive_frf, measured
+from tests.helpers.declared import ELBOW, TABLE, drive, drive_frf, measured
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +104,31 @@ def test_a_recording_of_other_outputs_is_refused_in_one_line(recording: mc.FrfRe
     standing = replace(recording, model=None, stimulus="ankle_torque")
     with pytest.raises(RecordingError, match=r"motor: expected the outputs of model drive \(motor, load\), got theta1"):
         mc.fit(standing, model=drive())
+
+
+@pytest.mark.parametrize(("table", "outputs"), [(TABLE, ("motor", "load")), (ELBOW, ("elbow",))])
+def test_a_simulated_recording_knows_its_model_in_every_format_and_its_fit_holds_the_truth(
+    table: dict[str, Any], outputs: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "model.toml").write_text(written(checked_table(table)))
+    options = ["--model", str(tmp_path / "model.toml"), "--noise", "0.3", "--measurement-sd", "0.02", "--cycles", "4"]
+    assert main(["simulate", *options, "--rate", "100", "--seed", "3", "-o", str(tmp_path / "rec.nc")]) == Exit.DONE
+    recording = mc.read_recording(tmp_path / "rec.nc")
+    assert isinstance(recording, mc.Recording)
+    assert recording.columns.outputs == outputs
+    for name in ("rec.zarr", "csv"):
+        again = mc.read_recording(mc.write_recording(recording, tmp_path / name))
+        assert again.columns == recording.columns
+        np.testing.assert_allclose(again.trials[0].theta, recording.trials[0].theta, atol=1e-9)
+    assert main(["fit", str(tmp_path / "rec.nc"), "--fmax", "8", "--json"]) == Exit.DONE
+    quantities = {q["name"]: q for q in json.loads(capsys.readouterr().out.split("\n", 1)[1])["quantities"]}
+    for p in recording.base_model().parameters:
+        assert quantities[p.name]["low"] < p.value < quantities[p.name]["high"], p.name
+
+
+def test_noise_of_what_is_recorded_is_that_which_was_asked_for() -> None:
+    settings: dict[str, Any] = {"model": drive(), "seed": 1, "cycles": 3, "rate_hz": 100.0}
+    clean, noisy = (mc.simulate(**settings, measurement_sd=sd) for sd in (0.0, (0.1, 0.3)))
+    added = np.degrees(noisy.trials[0].theta - clean.trials[0].theta)
+    np.testing.assert_allclose(added.std(axis=0), [0.1, 0.3], rtol=0.03)
+    assert abs(np.corrcoef(added.T)[0, 1]) < 0.03

@@ -105,11 +105,11 @@ def test_a_written_file_is_labelled_without_this_program(tmp_path: Path) -> None
     assert dataset["stimulus"].attrs["units"] == "N m"
 
 
-def test_the_schema_describes_what_is_written_and_refuses_another_unit() -> None:
+def test_the_schema_describes_what_is_written_and_refuses_another_type() -> None:
     described = header(to_dataset(SWAY))
     schema.validate("recording", described, "r")
-    described["variables"]["theta"]["units"] = "cm"
-    with pytest.raises(Exception, match=r"variables\.theta\.units"):
+    described["variables"]["theta"]["dtype"] = "int64"
+    with pytest.raises(Exception, match=r"variables\.theta\.dtype"):
         schema.validate("recording", described, "r")
 
 

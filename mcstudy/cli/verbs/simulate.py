@@ -37,7 +37,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--stimulus",
         default="ankle_torque",
-        help="ankle_torque (default), hip_torque, platform_translation, surface_tilt or visual_tilt",
+        help="of two_segment: ankle_torque (default), hip_torque, platform_translation, surface_tilt or visual_tilt",
     )
     parser.add_argument(
         "--stimulus-of",
@@ -49,7 +49,8 @@ def add_arguments(parser: Parser) -> None:
         "--amplitude",
         type=float,
         nargs="+",
-        help="stimulus amplitude of each trial, N m, m or (tilt) rad (default: two trials of 5 N m)",
+        help="stimulus amplitude of each trial, N m, m or (tilt) rad (default: two trials of 5 N m); of a declared "
+        "model in the unit of its stimulus (default: one trial of 1)",
     )
     parser.add_argument("--convention", default="peak", help="amplitudes are peak (default) or peak_to_peak values")
     parser.add_argument("--cycles", type=int, help="stimulus periods per trial (default 6)")
@@ -66,6 +67,20 @@ def add_arguments(parser: Parser) -> None:
         help="value of a model parameter instead of the nominal one; may be repeated",
     )
     parser.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
+    parser.add_argument(
+        "--model",
+        metavar="NAME|FILE",
+        help="a declared model (`mcstudy models`, or a .toml) whose outputs are recorded (default two_segment)",
+    )
+    parser.add_argument(
+        "--measurement-sd",
+        type=float,
+        nargs="+",
+        default=[0.0],
+        metavar="SD",
+        help="standard deviation of white noise on every sample of what is recorded, outside the loop: one number, or "
+        "one for each output, in its unit (deg where that is rad; default 0)",
+    )
 
 
 def main(args: argparse.Namespace) -> Exit:
@@ -78,7 +93,7 @@ def main(args: argparse.Namespace) -> Exit:
     sizes = {w.split("=")[0]: _pair(w, "--effect")[1] if "=" in w else None for w in args.effect}
     if len(sizes) < len(args.effect):
         raise InputError(f"--effect: expected each effect once, got {' '.join(args.effect)}")
-    kind, waveform, amplitudes, cycles = args.stimulus, None, [5.0, 5.0], 6
+    kind, waveform, amplitudes, cycles = args.stimulus, None, None, 6
     if args.stimulus_of:
         kind, waveform, amplitudes, cycles = _stimulus_of(args)
     compile_kernels(RECORDING)
@@ -96,16 +111,18 @@ def main(args: argparse.Namespace) -> Exit:
             parameters=dict(_pair(p, "--parameter") for p in args.parameter),
             seed=args.seed,
             name=Path(args.output).stem,
+            model=args.model,
+            measurement_sd=args.measurement_sd[0] if len(args.measurement_sd) == 1 else args.measurement_sd,
         )
     except InputError as error:
-        raise type(error)(_OPTION.sub(r"--\1", str(error), count=1)) from None
+        raise type(error)(_OPTION.sub(lambda m: f"--{m[1].replace('_', '-')}", str(error), count=1)) from None
     path = write_recording(recording, args.output)
     what = recording.provenance.removeprefix("simulated by mcstudy: ").rpartition("; seed")[0]
     print(f"{path}: {len(recording.trials)} trials of {recording.duration_s / len(recording.trials):.0f} s; {what}")
     return Exit.DONE
 
 
-def _stimulus_of(args: argparse.Namespace) -> tuple[str, Stimulus, list[float], int]:
+def _stimulus_of(args: argparse.Namespace) -> tuple[str, Stimulus, list[float] | None, int]:
     """Kind, waveform, amplitudes and cycles of the stimulus of a group of a study file."""
     from mcstudy.errors import InputError
     from mcstudy.study.measure import stimulus
@@ -123,13 +140,18 @@ def _stimulus_of(args: argparse.Namespace) -> tuple[str, Stimulus, list[float], 
     if name and name not in groups:
         raise InputError(f"--stimulus-of {args.stimulus_of}: expected a group of {', '.join(groups)}, got {name!r}")
     group = groups[name or next(iter(groups))]
-    if group.model.declared:
-        raise InputError(f"--stimulus-of {args.stimulus_of}: expected a study of a standing body, got a declared model")
+    if group.model.declared and args.model is None:
+        raise InputError(f"--stimulus-of {args.stimulus_of}: expected --model beside a study of a declared model")
     own = group.stimulus
-    return own.kind, stimulus(group, group.amplitude[0]), list(group.amplitude), own.cycles
+    return (
+        args.stimulus if args.model else own.kind,
+        stimulus(group, group.amplitude[0]),
+        list(group.amplitude),
+        own.cycles,
+    )
 
 
-_OPTION = re.compile(r"^(amplitude|noise|cycles|seed|stimulus|parameter|effect|rate)(?:s|_hz)?(?=[: ])")
+_OPTION = re.compile(r"^(amplitude|noise|cycles|seed|stimulus|parameter|effect|rate|measurement_sd)(?:s|_hz)?(?=[: ])")
 """The argument that a message starts with, which is an option here."""
 
 

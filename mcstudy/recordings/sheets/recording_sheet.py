@@ -128,15 +128,15 @@ class Channels(Table):
         """Raise `RecordingError` for a key that is no output."""
         for name in self.__pydantic_extra__:
             if name not in outputs:
-                known = ", ".join((*type(self).model_fields, *outputs))
+                known = ", ".join((*reversed(type(self).model_fields), *outputs))
                 raise RecordingError(f"{where}.{name}: unknown key, expected one of {known}")
 
 
 class TrialSheet(Channels):
     """One file, which holds a trial or, with ``split``, several; its channels come before those of `Channels`."""
 
-    file: str | None = None
     amplitude: float | None = Field(default=None, gt=0)
+    file: str | None = None
 
 
 class Units(Table):

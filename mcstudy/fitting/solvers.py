@@ -103,7 +103,7 @@ OWN = (
     Solver(
         name="lm",
         solve="mcstudy.fitting.lm:solve",
-        parts={"lm": Part("mcstudy.fitting.lm:compile_kernel", 9, 2.7, ("steps",), ("gram",), USUAL_ROWS)},
+        parts={"lm": Part("mcstudy.fitting.lm:compile_kernel", 10, 2.7, ("steps",), ("gram",), USUAL_ROWS)},
         # The smallest keeps its vector lanes full and makes the few milliseconds of writing negligible; the largest
         # takes some seconds and 5 MB.
         fits_a_chunk=(1500, 50_000),

@@ -165,13 +165,13 @@ def _part(function: Callable[..., None], functions: int, seconds: float, *calls:
 
 _PARTS = {
     "stability": _part(compile_stability, 33, 4.6),
-    "gram": _part(compile_gram, 29, 9.0, rows=USUAL_ROWS),
+    "gram": _part(compile_gram, 59, 9.0, rows=USUAL_ROWS),
     "steps": _part(compile_steps, 10, 2.4),
-    "cost": _part(compile_cost, 20, 2.9, rows=USUAL_ROWS),
-    "diagnosis": _part(compile_diagnosis, 32, 6.2, "gram", rows=USUAL_ROWS),
-    "intervals": _part(compile_intervals, 76, 10.0, "gram", rows=USUAL_ROWS),
+    "cost": _part(compile_cost, 39, 2.9, rows=USUAL_ROWS),
+    "diagnosis": _part(compile_diagnosis, 37, 6.2, "gram", rows=USUAL_ROWS),
+    "intervals": _part(compile_intervals, 78, 10.0, "gram", rows=USUAL_ROWS),
     "time_domain": _part(compile_simulation, 20, 2.2),
-    "linearised": _part(compile_starts, 20, 5.0),
+    "linearised": _part(compile_starts, 24, 5.0),
     **{name: part for solver in OWN for name, part in solver.parts.items()},
 }
 """Those of this package."""

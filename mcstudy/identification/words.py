@@ -120,13 +120,20 @@ def added(r: FitRecord) -> str:
     return out
 
 
+def rightmost_root(r: FitRecord) -> str:
+    """Growth rate at the estimate; a loop without dynamics has none."""
+    return "no dynamics" if r.growth_rate == -math.inf else f"rightmost root {number(r.growth_rate)} 1/s"
+
+
 def loop(r: FitRecord) -> str:
     """Stability at the estimate and over the intervals."""
     state = "stable" if r.growth_rate < 0 else "unstable"
-    out = f"The closed loop is {state} at the estimate (rightmost root {number(r.growth_rate)} 1/s)"
+    out = f"The closed loop is {state} at the estimate ({rightmost_root(r)})"
     s = r.stability
     if s is None:
         return f"{out}."
+    if s.high == -math.inf:
+        return f"{out}, as over all intervals."
     span = f"{ends(s.low, s.high)} 1/s"
     if s.stable:
         return f"{out} and over all intervals ({span})."

@@ -639,14 +639,6 @@ class Table:
         return np.asarray(self.weight[:, 0] * padded[..., self.entry[:, 3]] * padded[..., self.entry[:, 4]])
 
 
-def require_plain(model: Model, what: str, outputs: bool = True) -> None:
-    """Raise `ModelError` for what is not supported yet by what does ``what``: more than two rows, ``outputs``."""
-    if model.n_rows > len(ROWS):
-        raise ModelError(f"model {model.name}: {what} of more than two joints is not supported yet")
-    if outputs and model.outputs:
-        raise ModelError(f"model {model.name}: {what} with declared outputs is not supported yet")
-
-
 def _output_weight(model: Model) -> np.ndarray:
     """`Table.output_weight`."""
     R, J = model.n_rows, max(1, len(model.blocks))

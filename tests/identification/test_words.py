@@ -115,6 +115,12 @@ def test_stable_over_all_intervals_means_every_body_and_every_range(variants: Fi
                 assert not x.whole or (x.low, x.high) == (e.low, e.high), case
 
 
+def test_a_loop_without_dynamics_has_no_root_to_tell(variants: Fits) -> None:
+    r = next(r for r in variants.values() if r.stability is not None)
+    without = replace(r, growth_rate=-np.inf, stability=replace(r.stability, low=-np.inf, high=-np.inf))
+    assert words.loop(without) == "The closed loop is stable at the estimate (no dynamics), as over all intervals."
+
+
 def test_what_trades_is_not_called_determined(variants: Fits) -> None:
     found = 0
     for case, r in variants.items():

@@ -63,7 +63,7 @@ def main(args: argparse.Namespace) -> Exit:
     at = f"at {len(FREQUENCIES)} frequencies"
     print(f"{model.name}: {size}")
     print(f"responses: those of an independent evaluation {at} within {apart:.1g}, derivatives within {slopes:.1g}")
-    print(f"stable: growth rate {growth:.3g} 1/s" if isfinite(growth) else "stable: no dynamics but delays")
+    print(f"stable: growth rate {growth:.3g} 1/s" if isfinite(growth) else "stable: a loop without dynamics")
     print("every parameter moves the response")
     print(sketch(model.model()))
     return Exit.DONE

@@ -86,7 +86,7 @@ def _introduction(fit: FitRecord) -> Markup:
         entries.append(("Test for a gap", answer, f"{words.gap_p(fit)}.", "model"))
     if fit.stability is not None:
         state = "over all intervals" if fit.stability.stable else "not over all intervals"
-        root = f"rightmost root {number(fit.growth_rate)} 1/s; stable {state}."
+        root = f"{words.rightmost_root(fit)}; stable {state}."
         entries.append(("Closed loop", "stable" if fit.growth_rate < 0 else "unstable", root, "model"))
     warning = html('<div class="truth"><p>{}</p></div>', words.belief(fit)) if words.doubtful(fit) else ""
     return paragraphs([question]) + warning + tiles(entries)

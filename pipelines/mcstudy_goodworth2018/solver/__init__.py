@@ -44,7 +44,7 @@ solver = Solver(
     solve="mcstudy_goodworth2018.solver.emulation:solve",
     parts={
         "interior_point": Part(
-            "mcstudy_goodworth2018.solver.emulation:compile_kernel", 38, 16.0, ("steps",), ("cost",), USUAL_ROWS
+            "mcstudy_goodworth2018.solver.emulation:compile_kernel", 39, 16.0, ("steps",), ("cost",), USUAL_ROWS
         )
     },
     settings=Settings,

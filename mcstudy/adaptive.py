@@ -196,7 +196,7 @@ def run_until(
     while True:
         tree = open_results(out, lazy=None)
         looks = {name: look(tree[name].to_dataset(), target) for name in names}
-        wanted = {name: _wanted(name, current.groups[name], found, target) for name, found in looks.items()}
+        wanted = {name: _wanted(name, current.groups[name], precision, target) for name, precision in looks.items()}
         worst = max(names, key=lambda name: looks[name].mcse)
         now = f"largest MCSE of {target.statistic} {_percent(looks[worst].mcse)} (group {worst}, {looks[worst].where})"
         if not any(wanted.values()):
@@ -240,19 +240,19 @@ def _already_grown(study: Study, out: Path) -> Study:
     return held if larger.fingerprint == held.fingerprint else study
 
 
-def _wanted(name: str, group: Group, found: Look, target: PrecisionTarget) -> _Step | None:
+def _wanted(name: str, group: Group, precision: Look, target: PrecisionTarget) -> _Step | None:
     grows = group.fit.starts != "latin_hypercube" and not group.until_certain
-    if found.shift > target.percent and grows:  # otherwise starts cannot be added, or are as many as needed
+    if precision.shift > target.percent and grows:  # otherwise starts cannot be added, or are as many as needed
         why = (
-            f"leaving out half of the starts shifts the bias by {_percent(found.shift)} +- {found.shift_error:.2g} "
-            f"({found.shift_where}), so the number of starts limits precision"
+            f"leaving out half of the starts shifts the bias by {_percent(precision.shift)} "
+            f"+- {precision.shift_error:.2g} ({precision.shift_where}), so the number of starts limits precision"
         )
         return _Step(name, why, starts=2 * group.starts)
-    if found.mcse <= target.percent:
+    if precision.mcse <= target.percent:
         return None
     n = group.realizations
-    asked = MARGIN * n * (found.mcse / target.percent) ** 2 if math.isfinite(found.mcse) else FEWEST
-    why = f"MCSE of {target.statistic} is {_percent(found.mcse)} ({found.where}), target {target.percent:g} %"
+    asked = MARGIN * n * (precision.mcse / target.percent) ** 2 if math.isfinite(precision.mcse) else FEWEST
+    why = f"MCSE of {target.statistic} is {_percent(precision.mcse)} ({precision.where}), target {target.percent:g} %"
     return _Step(name, why, realizations=max(n + 1, FEWEST, math.ceil(min(asked, FACTOR * n))))
 
 

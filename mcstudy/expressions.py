@@ -56,11 +56,11 @@ class Expression:
         """Value at numbers or arrays by name; NaN or infinite where it is not defined."""
         stack: list[Any] = []
         with np.errstate(all="ignore"):
-            for operands, of in self._instructions:
+            for operands, operation in self._instructions:
                 if operands:
-                    stack[-operands:] = [of(*stack[-operands:])]
+                    stack[-operands:] = [operation(*stack[-operands:])]
                 else:
-                    stack.append(_floats(values[of]) if isinstance(of, str) else of)
+                    stack.append(_floats(values[operation]) if isinstance(operation, str) else operation)
         return stack[0]
 
 

@@ -42,15 +42,15 @@ _attached: dict[str, str] = {}
 
 def _state() -> State:
     """Inode, time of the last change and size of every file, by name relative to the package; empty if unreadable."""
-    found: State = {}
+    state: State = {}
     try:
-        _look(PACKAGE, "", found, APART)
-        _look(_place(SCHEMAS), f"{SCHEMAS}/", found)
+        _look(PACKAGE, "", state, APART)
+        _look(_place(SCHEMAS), f"{SCHEMAS}/", state)
         for package, folder in _attached.items():
-            _look(folder, f"{package}/", found)
+            _look(folder, f"{package}/", state)
     except OSError:
         return {}
-    return found
+    return state
 
 
 def _place(name: str) -> str:
@@ -62,7 +62,7 @@ def _place(name: str) -> str:
     return inside if os.path.exists(inside) else os.path.join(os.path.dirname(PACKAGE), name)
 
 
-def _look(folder: str, prefix: str, found: State, apart: Sequence[str] = ()) -> None:
+def _look(folder: str, prefix: str, state: State, apart: Sequence[str] = ()) -> None:
     with os.scandir(folder) as entries:
         for entry in entries:
             name = entry.name
@@ -70,9 +70,9 @@ def _look(folder: str, prefix: str, found: State, apart: Sequence[str] = ()) -> 
                 continue
             if name.endswith(SUFFIXES):
                 about = entry.stat()
-                found[prefix + name] = about.st_ino, about.st_ctime_ns, about.st_size
+                state[prefix + name] = about.st_ino, about.st_ctime_ns, about.st_size
             elif not name.startswith("_") and entry.is_dir():  # "_compiled" follows from the source
-                _look(entry.path, f"{prefix}{name}/", found)
+                _look(entry.path, f"{prefix}{name}/", state)
 
 
 STARTED = _state()
@@ -85,9 +85,9 @@ def attach(package: str, folder: str) -> None:
     """Note the files of another package that computes numbers, when it is imported."""
     if package not in _attached:
         _attached[package] = folder
-        found: State = {}
-        _look(folder, f"{package}/", found)
-        STARTED.update(found)
+        state: State = {}
+        _look(folder, f"{package}/", state)
+        STARTED.update(state)
 
 
 def unchanged() -> bool:

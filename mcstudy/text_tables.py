@@ -216,13 +216,13 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, of_text: bool
         columns.append(i)
     return "\n\n".join(
         _block(
-            [[line[k] for k in one] for line in lines],
+            [[line[k] for k in block] for line in lines],
             _narrowed(
-                _narrowed([natural[k] for k in one], [calm[k] for k in one], room), [least[k] for k in one], room
+                _narrowed([natural[k] for k in block], [calm[k] for k in block], room), [least[k] for k in block], room
             ),
             of_text,
         )
-        for one in (*blocks, columns)
+        for block in (*blocks, columns)
     )
 
 
@@ -261,18 +261,18 @@ def _block(lines: list[list[str]], widths: list[int], of_text: bool) -> str:
             else [c]
             for i, (c, w) in enumerate(zip(cells, widths, strict=True))
         ]
-        found = []
+        rows = []
         for k in range(max(map(len, wrapped))):
             parts = [part[k] if k < len(part) else "" for part in wrapped]
             aligned = [
                 c.ljust(w) if of_text or i == 0 else c.rjust(w)
                 for i, (c, w) in enumerate(zip(parts, widths, strict=True))
             ]
-            found.append(GAP.join(aligned).rstrip())
-        return found
+            rows.append(GAP.join(aligned).rstrip())
+        return rows
 
     first, *rest = (line(cells) for cells in lines)
-    rule = "-" * max(len(text) for one in (first, *rest) for text in one)
+    rule = "-" * max(len(text) for row in (first, *rest) for text in row)
     if not of_text:
         (rule,) = line(["-" * w for w in widths])
-    return "\n".join([*first, rule, *(text for one in rest for text in one)])
+    return "\n".join([*first, rule, *(text for row in rest for text in row)])

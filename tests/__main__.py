@@ -1,8 +1,8 @@
 """Every quality gate, in the order in which they fail fastest: ``python -m tests``.
 
-Lint, format and type checks, and beside them the kernels are compiled; then the tests (which also run the shipped
-examples). ``--quick``, for the inner loop, leaves out tests that take long (`tests/durations.txt`), and checks types
-beside the tests. Other arguments go to pytest.
+Lint and format, and beside them the kernels are compiled; then the tests (which also run the shipped examples), and
+beside them types are checked: a fault there ends the tests. ``--quick``, for the inner loop, leaves out tests that take
+long (`tests/durations.txt`). Other arguments go to pytest.
 """
 
 from __future__ import annotations
@@ -44,13 +44,12 @@ def main(arguments: list[str]) -> int:
             if status := begun(gate).wait():
                 compiling.terminate()
                 return status
-        types = begun(TYPES)
-        if "--quick" not in arguments and (status := types.wait()):
-            compiling.terminate()
-            return status
-        compiling.wait()  # else every worker would compile the same functions
-        status = begun((*TESTS, *arguments)).wait()
-        return status or types.wait()
+        with begun(TYPES) as types:
+            compiling.wait()  # else every worker would compile the same functions
+            with begun((*TESTS, *arguments)) as tests:
+                if status := types.wait():
+                    tests.terminate()
+                return status or tests.wait()
 
 
 if __name__ == "__main__":

@@ -76,7 +76,7 @@ def covariance_of(data: xr.Dataset) -> xr.DataArray:
     duration_s = (s.cycles - s.discard) * points.period_s
     covariance = np.zeros((len(group.amplitude), len(points), model.n_outputs, model.n_outputs), dtype=complex)
     noise, measured = group.noise_source, group.measurement_noise
-    recorded = None if measured is None else measured.psd(s.rate_hz)
+    recorded = None if measured is None else measured.psd_without_ramp(points.f, duration_s, s.rate_hz)
     for a, amplitude in enumerate(group.amplitude):
         drive = stimulus(group, amplitude).coefficients()[points.lines]
         covariance[a] = expected_line_covariance(model, model.truth, noise, points.f, drive, duration_s, recorded)

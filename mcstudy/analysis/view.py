@@ -134,7 +134,14 @@ class GroupView:
         theirs, ours = (
             dict(leaves({s: getattr(g, s).model_dump(mode="json") for s in FITTED})) for g in (other, self.group)
         )
-        return [f"{field} = {value}" for field, value in ours.items() if field in theirs and theirs[field] != value]
+
+        def differs(field: str, value: object) -> bool:
+            """Noise of the recording stands in designs that have some; other fields that stand in few are left out."""
+            if field in theirs:
+                return bool(theirs[field] != value)
+            return field.startswith("noise.measurement.") and bool(value)
+
+        return [f"{field} = {value}" for field, value in ours.items() if differs(field, value)]
 
     def fmax(self, value: float) -> float | None:
         """The group's Fmax nearest to ``wanted``, or None."""

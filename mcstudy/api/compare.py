@@ -81,8 +81,8 @@ def compare(
         groups.append(group)
         notes += [f"{name}: {note}" for note in left_out]
     _refuse_equal(groups, names)
-    found = compare_groups(groups[0], groups[1], paired, permutations, seed, names)
-    return Comparison.of(replace(found, notes=tuple(notes)))
+    comparison = compare_groups(groups[0], groups[1], paired, permutations, seed, names)
+    return Comparison.of(replace(comparison, notes=tuple(notes)))
 
 
 def _recordings(given: xr.Dataset | Sequence[RecordingLike], where: str) -> xr.Dataset | list[Recording | FrfRecording]:

@@ -90,11 +90,11 @@ def performance(
     standard = cells.get(ERROR)
     if standard is not None and bool((standard < 0).any()):
         raise InputError(f"{ERROR}: expected no negative value, got {float(standard.min()):g}")
-    found = measures.performance(cells["estimate"], cells["truth"], standard, level)
+    measured = measures.performance(cells["estimate"], cells["truth"], standard, level)
     if ESTIMATOR not in cells["estimate"].dims:
         if reference is not None:
             raise InputError(f"reference: expected a column 'method' to hold {reference!r}, got none")
-        return found
+        return measured
     methods = [str(m) for m in cells[ESTIMATOR].values]
     if (reference := methods[0] if reference is None else reference) not in methods:
         raise InputError(f"reference: expected one of {', '.join(methods)}, got {reference!r}")
@@ -102,7 +102,7 @@ def performance(
     gain = measures.relative_precision(cells["estimate"], other).expand_dims(measure=[measures.PRECISION.key])
     others = xr.DataArray([m != reference for m in methods], dims=ESTIMATOR)
     gain[["value", "mcse"]] = gain[["value", "mcse"]].where(others)
-    plain = found.drop_vars(["meaning", "measure_unit"])
+    plain = measured.drop_vars(["meaning", "measure_unit"])
     return measures.described(xr.concat([plain, gain], dim="measure", coords="minimal", compat="override"))
 
 

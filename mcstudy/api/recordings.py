@@ -141,8 +141,8 @@ def next_trial(
     )
     read = _read(recording)
     compile_kernels(DIAGNOSIS)
-    found = diagnose_recordings(read, settings)
-    planned = planned_next(found, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
+    diagnosis = diagnose_recordings(read, settings)
+    planned = planned_next(diagnosis, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
     return NextTrial.of(planned)
 
 

@@ -65,8 +65,8 @@ def lines_of(text: str) -> list[str]:
 
 def stated_delimiter(line: str) -> str | None:
     """The delimiter that a first line ``sep=;`` states."""
-    found = _SEPARATOR.fullmatch(line.strip(" "))
-    return found[1] if found else None
+    match = _SEPARATOR.fullmatch(line.strip(" "))
+    return match[1] if match else None
 
 
 def cells(line: str, delimiter: str) -> list[str]:
@@ -84,10 +84,10 @@ def records(lines: Iterable[str], delimiter: str) -> Iterator[list[str]]:
         raise ValueError(f"expected cells of text or numbers ({error})") from None
 
 
-def decimal_sign(found: Sequence[str]) -> str:
+def decimal_sign(cells: Sequence[str]) -> str:
     """Decimal sign of the numbers in cells; `ValueError` where it cannot be told."""
-    with_comma = [c for c in found if _COMMA.fullmatch(c)]
-    if not with_comma or any("." in c and NUMBER.fullmatch(c) for c in found):
+    with_comma = [c for c in cells if _COMMA.fullmatch(c)]
+    if not with_comma or any("." in c and NUMBER.fullmatch(c) for c in cells):
         return "."
     if all(map(_THOUSANDS.fullmatch, with_comma)):
         raise ValueError(

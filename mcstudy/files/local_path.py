@@ -66,10 +66,10 @@ def resolved(given: str | os.PathLike[str]) -> Path:
     """`local_path`, absolute and without links; `StoreError` for links in a loop and names that are too long."""
     path = local_path(given)
     try:
-        found = path.resolve()
+        place = path.resolve()
         with contextlib.suppress(FileNotFoundError, NotADirectoryError):
-            found.stat()
+            place.stat()
     except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: a loop of links, before Python 3.13
         why = getattr(error, "strerror", None) or ("links in a loop" if "loop" in str(error) else str(error))
         raise StoreError(f"{path}: expected a path that can be used ({why})") from None
-    return found
+    return place

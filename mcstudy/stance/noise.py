@@ -196,6 +196,15 @@ class MeasurementNoise:
         """One-sided cross-spectral density at any frequency up to half the rate, (Y, Y) per Hz."""
         return self.matrix / (rate_hz / 2)
 
+    def psd_without_ramp(self, f: np.ndarray, duration_s: float, rate_hz: float) -> np.ndarray:
+        """The density that spectra have from which the ramp of the record is removed, at ``f`` (Hz, (N,)), (N, Y, Y).
+
+        The ramp over ``duration_s`` goes through two samples, so that their noise is in every line: at low lines far
+        more than that of all other samples. With c = 1 / (2 pi i f duration) the coefficient of a ramp of height 1, the
+        coefficients hold 2 C |c|^2 more (derived).
+        """
+        return self.psd(rate_hz) + self.matrix / (np.pi**2 * duration_s * f[:, None, None] ** 2)
+
     @cached_property
     def _root(self) -> np.ndarray:
         """L with L L^T the covariance; that of a singular one, too."""

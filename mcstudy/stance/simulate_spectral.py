@@ -10,7 +10,6 @@ from __future__ import annotations
 from functools import reduce
 
 import numpy as np
-from scipy import fft
 
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import MeasurementNoise, Noise, record, record_frequencies, white_coefficients
@@ -73,6 +72,8 @@ def sway_psd(
 def stimulus_sway(model: Model, theta: np.ndarray, waveform: np.ndarray, rate_hz: float) -> np.ndarray:
     """Steady state of the outputs over one period of a zero-mean stimulus (n,), in their units, (n, Y)."""
     waveform = np.asarray(waveform, dtype=float)
+    from scipy import fft  # only here: to read the status of a cube needs no SciPy
+
     coefficients = fft.rfft(waveform, norm="forward")
     sway = np.zeros((coefficients.size, model.n_outputs), dtype=complex)
     f = record_frequencies(waveform.size, rate_hz)[1:]

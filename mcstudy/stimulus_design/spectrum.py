@@ -181,7 +181,7 @@ def whitener(file: DesignFile, model: Model, f: np.ndarray) -> np.ndarray:
     """Of the errors (K, Y, Y) of lines with a unit Fourier coefficient, in all cycles that are not discarded."""
     duration = (file.cycles - file.stimulus.discard) * (3**file.stimulus.stages - 1) * file.stimulus.state_s
     measured = file.noise.measurement.of(model.output_units)
-    recorded = None if measured is None else measured.psd(file.stimulus.rate_hz)
+    recorded = None if measured is None else measured.psd_without_ramp(f, duration, file.stimulus.rate_hz)
     noise = file.noise.of(model.angles)
     C = expected_line_covariance(model, model.truth, noise, f, np.ones(f.size), duration, recorded)
     return unit_variance(C, model.n_angles)

@@ -49,7 +49,7 @@ def model(n: int, outputs: tuple[Output, ...] = (), stimulus: str = "ankle") -> 
                 terms.append(Term(joint, sensed, name, order, "Td" + joint, noisy=True))
     terms.append(Term(stimulus, "stimulus"))
     bounded = tuple(Parameter(name, "", value, value - 1, value + 1) for name, value in parameters)
-    return Model(f"{n} joints", bounded, tuple(terms), angles=joints, outputs=outputs)
+    return Model(f"joints_{n}", bounded, tuple(terms), angles=joints, outputs=outputs)
 
 
 def matrices(n: int, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

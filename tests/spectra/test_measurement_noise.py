@@ -71,6 +71,10 @@ def test_the_covariance_that_is_predicted_is_that_of_the_sample(outputs: int) ->
     np.testing.assert_allclose(ratios(errors(5, 0, periods.raw), whole), np.eye(outputs), atol=0.02)
     law = frf_law(model, TRIAL, noise, BANDS, 6, 1, True, recorded)  # with leakage
     np.testing.assert_allclose(ratios(errors(6, 1, periods.ramp_removed), law.covariance), np.eye(outputs), atol=0.02)
+    np.testing.assert_allclose(law.covariance, expected_line_covariance(
+        model, model.truth, noise, BANDS.f, drive, 5 * TRIAL.period_s,
+        recorded.psd_without_ramp(BANDS.f, 5 * TRIAL.period_s, TRIAL.rate_hz)), rtol=0.02,
+        atol=0.02 * np.abs(law.covariance).max())  # fmt: skip
     # without it the covariance is far too small
     alone = expected_line_covariance(model, model.truth, noise, BANDS.f, drive, 5 * TRIAL.period_s)[:, :2, :2]
     assert np.einsum("lij,lji->l", np.linalg.inv(alone), whole[:, :2, :2]).real.mean() > 20

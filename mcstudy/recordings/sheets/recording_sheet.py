@@ -158,7 +158,7 @@ def frf_factor(angle: str | None, unit: str | None, columns: Columns, where: str
     """Factors (Y,) that convert FRFs in ``angle`` per ``unit`` of the stimulus to the units of the columns."""
     target = columns.stimulus_unit
     per = factor(unit or target, target, f"{where}: units.stimulus")
-    return np.array([factor(angle or own, own, f"{where}: units.angle") for own in columns.units]) / per
+    return np.array([factor(angle or declared, declared, f"{where}: units.angle") for declared in columns.units]) / per
 
 
 class TextSheet(Table):

@@ -34,11 +34,13 @@ _HALF_PI_3 = 2.0222662487959506e-21
 class LinearTable(NamedTuple):
     """A model of R rows whose gains enter linearly, at N frequencies.
 
-    omega: (N,) rad/s. fixed: (N, R, R + 1) complex, the parts of A and, as the last column, b without parameters.
-    entry: (E, 4) int64 - row, gain, delay, sensory weight (-1 none). sense: (E, R + 1) weights on the angles and the
-    stimulus. factor: (E, N) complex, coefficient * s^order * filters.
+    rows: 0 to R - 1, a tuple, so that each R has compiled code of its own. omega: (N,) rad/s. fixed: (N, R, R + 1)
+    complex, the parts of A and, as the last column, b without parameters. entry: (E, 4) int64 - row, gain, delay,
+    sensory weight (-1 none). sense: (E, R + 1) weights on the angles and the stimulus. factor: (E, N) complex,
+    coefficient * s^order * filters.
     """
 
+    rows: tuple[int, ...]
     omega: np.ndarray
     fixed: np.ndarray
     entry: np.ndarray
@@ -69,9 +71,9 @@ def _turn(angle):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _invert(A, inverse):  # type: ignore[no-untyped-def]
+def _invert(rows, A, inverse):  # type: ignore[no-untyped-def]
     """Inverse of a complex matrix (R, R + 1) without its last column; what it holds is lost for more than two rows."""
-    R = inverse.shape[0]
+    R = len(rows)
     if R == 1:
         inverse[0, 0] = 1.0 / A[0, 0]
         return
@@ -104,9 +106,9 @@ def _invert(A, inverse):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _add(J, column, share, u, row):  # type: ignore[no-untyped-def]
+def _add(rows, J, column, share, u, row):  # type: ignore[no-untyped-def]
     """Add what a torque on a row does to the weighted angles: real and imaginary parts by angle."""
-    for a in range(u.shape[0]):
+    for a in range(len(rows)):
         moved = u[a, row] * share
         J[2 * a, column] += moved.real
         J[2 * a + 1, column] += moved.imag
@@ -115,7 +117,7 @@ def _add(J, column, share, u, row):  # type: ignore[no-untyped-def]
 @compiled
 def _equations(table: LinearTable, x, n, turned, A):  # type: ignore[no-untyped-def]
     """A(s) and, as the last column, b(s) at frequency ``n``, and what depends on its delays (``turned``)."""
-    R, sense = A.shape[0], table.sense
+    R, sense = len(table.rows), table.sense
     for row in range(R):
         for c in range(R + 1):
             A[row, c] = table.fixed[n, row, c]
@@ -138,9 +140,9 @@ def normal_equations(table: LinearTable, x, mix, y, W, gram, gradient):  # type:
     y: (N, R) complex data. W: (N, R, R) complex lower triangular.
     """
     omega, entry, sense, factor = table.omega, table.entry, table.sense, table.factor
-    P, E, R = x.size, entry.shape[0], y.shape[1]
+    P, E, R = x.size, entry.shape[0], len(table.rows)
     size = (P + 8) // 8 * 8  # room for the residual as column P; whole vectors, so the sums below are quick
-    J, sums, products = np.zeros((2 * R, size)), np.zeros((P + 1, size)), np.empty(size)
+    J, sums, products = np.zeros((2 * R, size)), np.zeros((P + 1, size)), np.zeros(size)
     turned = np.ones(P + 1, dtype=np.complex128)  # exp(-delay s); the last stays 1, for entries without a delay
     delayed = np.zeros(P, dtype=np.bool_)
     A, inverse = np.empty((R, R + 1), dtype=np.complex128), np.empty((R, R), dtype=np.complex128)
@@ -155,7 +157,7 @@ def normal_equations(table: LinearTable, x, mix, y, W, gram, gradient):  # type:
             for c in range(2 * R):
                 J[c, p] = 0.0
         _equations(table, x, n, turned, A)
-        _invert(A, inverse)
+        _invert(table.rows, A, inverse)
         for a in range(R):
             response = inverse[a, 0] * A[0, R]
             for k in range(1, R):
@@ -178,22 +180,21 @@ def normal_equations(table: LinearTable, x, mix, y, W, gram, gradient):  # type:
                 sensed += sense[e, k] * z[k]
             value = factor[e, n] * turned[delay] * (sensed + sense[e, R])
             if weight >= 0:
-                _add(J, weight, -(value * x[gain]), u, row)
+                _add(table.rows, J, weight, -(value * x[gain]), u, row)
                 value = value * x[weight]
             if gain >= 0:
-                _add(J, gain, -value, u, row)
+                _add(table.rows, J, gain, -value, u, row)
                 value = value * x[gain]
             if delay >= 0:
-                _add(J, delay, complex(0.0, omega[n]) * value, u, row)
+                _add(table.rows, J, delay, complex(0.0, omega[n]) * value, u, row)
         for p in range(P + 1):
-            for q in range(size):
-                products[q] = 0.0
-            for a in range(R):
+            for a in range(R - 1):
                 re, im = J[2 * a, p], J[2 * a + 1, p]
                 for q in range(size):
-                    products[q] = products[q] + re * J[2 * a, q] + im * J[2 * a + 1, q]
-            for q in range(size):
-                sums[p, q] += products[q]
+                    products[q] = (products[q] if a > 0 else 0.0) + re * J[2 * a, q] + im * J[2 * a + 1, q]
+            re, im = J[2 * R - 2, p], J[2 * R - 1, p]
+            for q in range(size):  # ``products`` stay zero for one row
+                sums[p, q] += products[q] + re * J[2 * R - 2, q] + im * J[2 * R - 1, q]
     for p in range(P):
         gradient[p] = sums[P, p]
         for q in range(P):

@@ -105,6 +105,7 @@ class LinearModel:
             if k >= 0:
                 output[:, angle] = filters[k]
         linear = LinearTable(
+            rows=tuple(range(R)),
             omega=s.imag.copy(),
             fixed=fixed,
             entry=np.array(entry, dtype=np.int64).reshape(-1, 4),

@@ -125,9 +125,9 @@ def compile_gram(rows: int) -> None:
     normal_equations(problem, problem.model.truth[None])
 
 
-def compile_starts() -> None:
+def compile_starts(rows: int) -> None:
     """Compile the choice of starts by linearised models."""
-    problem = small_problem()
+    problem = small_problem(rows)
     LinearModel.of(problem.model, problem.f).steps(problem, problem.model.truth[None], POOL[-1:])
 
 
@@ -171,7 +171,7 @@ _PARTS = {
     "diagnosis": _part(compile_diagnosis, 37, 6.2, "gram", rows=USUAL_ROWS),
     "intervals": _part(compile_intervals, 78, 10.0, "gram", rows=USUAL_ROWS),
     "time_domain": _part(compile_simulation, 20, 2.2),
-    "linearised": _part(compile_starts, 24, 5.0),
+    "linearised": _part(compile_starts, 24, 5.0, rows=USUAL_ROWS),
     **{name: part for solver in OWN for name, part in solver.parts.items()},
 }
 """Those of this package."""

@@ -135,8 +135,8 @@ class LinkedBody:
         -------
         tuple of Output
             ``com`` horizontal position of the centre of mass in space, m; ``com_angle`` its angle about the lowest
-            joint, rad; ``cop`` centre of pressure, m from the lowest joint; ``torque_JOINT`` of each joint, N m (inverse
-            dynamics: active and passive together).
+            joint, rad; ``cop`` centre of pressure, m from the lowest joint; ``torque_JOINT`` of each joint, N m
+            (inverse dynamics: active and passive together).
         """
         self._check(joints)
         total, M, G = sum(self.mass), self.inertia_matrix, self.gravity_matrix

@@ -22,9 +22,9 @@ def stream(seed: int, purpose: str, *coordinates: int) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(np.random.SeedSequence(entropy)))
 
 
-def noise_stream(seed: int, realization: int) -> np.random.Generator:
-    """Sensor noise of one realization."""
-    return stream(seed, "noise", realization)
+def noise_stream(seed: int, realization: int, stimulus: int = 0) -> np.random.Generator:
+    """Sensor noise of one realization, in the recording of one of several stimuli."""
+    return stream(seed, "noise", realization, *([stimulus] if stimulus else []))
 
 
 def start_stream(seed: int, realization: int) -> np.random.Generator:

@@ -278,7 +278,7 @@ class MonteCarlo:
         """
         cells, model = self._cells, context.fitted_model(self._data)
         covariance = context.covariance_of(cells) if covariance is None else covariance
-        overlap = overlap_of(context.points_of(cells))
+        overlap = overlap_of(context.points_of(cells), len(model.stimulus_names))
         bounds = efficiency.bounds_on_sd(cells, model, covariance, overlap)
         return self._result(efficiency.efficiency(cells, bounds))
 

@@ -13,6 +13,7 @@ from mcstudy.errors import StoreError
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import expected_line_covariance
+from mcstudy.stance.joint import members
 from mcstudy.study.cube.conversion import structured
 from mcstudy.study.design import Group
 from mcstudy.study.measure import kept_points, stimulus
@@ -74,12 +75,16 @@ def covariance_of(data: xr.Dataset) -> xr.DataArray:
         return measured_covariance(data).assign_attrs(source="mean of the stored noise covariances")
     model, points, s = fitted_model(data), points_of(data), group.stimulus
     duration_s = (s.cycles - s.discard) * points.period_s
-    covariance = np.zeros((len(group.amplitude), len(points), model.n_outputs, model.n_outputs), dtype=complex)
+    under = members(model)
+    covariance = np.zeros(
+        (len(group.amplitude), len(data["frequency"]), model.n_outputs, model.n_outputs), dtype=complex
+    )
     noise, measured = group.noise_source, group.measurement_noise
     recorded = None if measured is None else measured.psd_without_ramp(points.f, duration_s, s.rate_hz)
     for a, amplitude in enumerate(group.amplitude):
         drive = stimulus(group, amplitude).coefficients()[points.lines]
-        covariance[a] = expected_line_covariance(model, model.truth, noise, points.f, drive, duration_s, recorded)
+        of_one = expected_line_covariance(under[0], model.truth, noise, points.f, drive, duration_s, recorded)
+        covariance[a] = np.repeat(of_one, len(under), axis=0)
     coords = {d: data[d] for d in ("amplitude", "frequency")}
     dims = ("amplitude", "frequency", "angle", "angle_2")
     return xr.DataArray(covariance, coords, dims, attrs={"source": "sensor noise through the true loop"})

@@ -90,7 +90,9 @@ class GroupView:
     def _bounds_on_sd(self, cells: xr.Dataset) -> xr.Dataset | None:
         if self._covariance is None:
             return None
-        return bounds_on_sd(cells, self.model, self._covariance, overlap_of(points_of(self.cube)))
+        return bounds_on_sd(
+            cells, self.model, self._covariance, overlap_of(points_of(self.cube), len(self.model.stimulus_names))
+        )
 
     @cached_property
     def _covariance(self) -> xr.DataArray | None:

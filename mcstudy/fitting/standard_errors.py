@@ -35,11 +35,14 @@ def joint_covariance(covariance: np.ndarray, overlap: np.ndarray | None = None) 
     return np.einsum("nij,nm,mkj->nimk", root, overlap, root.conj()).reshape(Y * n, Y * n)
 
 
-def overlap_of(bands: Bands) -> np.ndarray:
-    """Correlation of the points' errors through shared lines, (N, N); exact where the lines' noise is alike."""
+def overlap_of(bands: Bands, stimuli: int = 1) -> np.ndarray:
+    """Correlation of the points' errors through shared lines, (N, N); exact where the lines' noise is alike.
+
+    Under J ``stimuli`` in turn, each recorded by itself, (N J, N J).
+    """
     gram = bands.weights @ bands.weights.T
     scale = np.sqrt(np.diag(gram))
-    return gram / scale[:, None] / scale[None, :]
+    return np.kron(gram / scale[:, None] / scale[None, :], np.eye(stimuli))
 
 
 def sandwich(J: np.ndarray, weight: np.ndarray, joint: np.ndarray) -> np.ndarray:

@@ -75,6 +75,9 @@ def _of_declared(recording: AnyRecording, model: Model | None) -> AnyRecording:
     """The recording, as one of a declared ``model`` where that is given."""
     if model is None or standing(model) or isinstance(recording, JointRecording):
         return recording
+    if model.blocks:
+        stimuli = ", ".join(model.stimulus_names)
+        raise InputError(f"model {model.name}: expected one stimulus, which the recording holds, got {stimuli}")
     return of_model(recording, model)
 
 

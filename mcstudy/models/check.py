@@ -29,7 +29,10 @@ STILL = 1e-12
 
 
 def response(table: ModelTable, values: Mapping[str, float], f: np.ndarray) -> np.ndarray:
-    """Responses of the joints, or the declared outputs, to the stimulus, (N, Y) complex, from the file alone."""
+    """Responses of the joints, or the declared outputs, from the file alone, (N J, Y) complex.
+
+    To each of J stimuli in turn at every frequency ``f`` (N,).
+    """
     s, constants = 2j * np.pi * f, table.values()
     known = {**constants, **values, "s": s, "pi": np.pi}
     n = len(table.joints)
@@ -39,7 +42,7 @@ def response(table: ModelTable, values: Mapping[str, float], f: np.ndarray) -> n
         return np.asarray(expression(given if isinstance(given, str) else repr(given), known, "filter", "")(known))
 
     through = {x.name: polynomial(x.numerator) / polynomial(x.denominator) for x in table.filter}
-    loop, drive = np.zeros((f.size, n, n), dtype=complex), np.zeros((f.size, n), dtype=complex)
+    loop, drive = np.zeros((f.size, n, n), dtype=complex), np.zeros((f.size, n, len(table.stimuli)), dtype=complex)
     for t in table.term:
         joint = t.joint or table.joints[0]
         row = table.joints.index(joint)
@@ -51,21 +54,24 @@ def response(table: ModelTable, values: Mapping[str, float], f: np.ndarray) -> n
         for name in t.filter:
             factor = factor * through[name]
         sense = t.sense or joint
-        if sense == "stimulus":
-            drive[:, row] += factor
+        if sense in table.stimuli:
+            drive[:, row, table.stimuli.index(sense)] += factor
             continue
         sensed = expression(sense, names, "sense", "")
         for column in range(n):
             unit = {name: float(i % n == column) for i, name in enumerate(names)}
             loop[:, row, column] += factor * sensed(unit)
-    H = np.linalg.solve(loop, drive[..., None])[..., 0]
+    H = np.linalg.solve(loop, drive)
     for joint, name in table.sensor_filter.items():
-        H[:, table.joints.index(joint)] *= through[name]
+        H[:, table.joints.index(joint)] *= through[name][..., None]
+    H = np.moveaxis(H, 2, 1).reshape(-1, n)
     if not table.output:
         return np.asarray(H)
-    signals = {**known, "stimulus": 1.0 + 0.0j} | {name: H[:, i % n] for i, name in enumerate(names)}
+    at = {**known, "s": np.repeat(s, len(table.stimuli))}
+    stimuli = {name: np.tile(np.eye(len(table.stimuli))[k], f.size) + 0.0j for k, name in enumerate(table.stimuli)}
+    signals = {**at, **stimuli} | {name: H[:, i % n] for i, name in enumerate(names)}
     outputs = [expression(str(o.value), signals, "output", "")(signals) for o in table.output]
-    return np.stack([np.broadcast_to(y, f.shape) for y in outputs], axis=-1)
+    return np.stack([np.broadcast_to(y, len(H)) for y in outputs], axis=-1)
 
 
 def check_response(table: ModelTable, f: np.ndarray = FREQUENCIES) -> tuple[float, float]:
@@ -79,7 +85,7 @@ def check_response(table: ModelTable, f: np.ndarray = FREQUENCIES) -> tuple[floa
     values = {p.name: p.value for p in model.parameters}
     try:
         with np.errstate(all="ignore"):
-            H, slope = frf_jacobian(model, model.truth, f)
+            H, slope = frf_jacobian(model, model.truth, np.repeat(f, len(table.stimuli)))
             H, slope = H[:, :n], slope[:, :n]
             expected = response(table, values, f)
     except np.linalg.LinAlgError:

@@ -24,6 +24,7 @@ from mcstudy.stance.body import DELAY_MARGIN
 from mcstudy.stance.feedback import (
     MOST_ROWS,
     SENSES,
+    Block,
     Derived,
     Filter,
     Model,
@@ -86,7 +87,8 @@ class TermTable(Short):
     """A torque that is proportional to a signal: coefficient, gains, s^order, delays and filters times what is sensed.
 
     In the balance of a ``joint``, the sum of the terms that sense joints equals the sum of those that sense the
-    stimulus. ``sense``: a joint, ``stimulus``, or a sum such as ``ankle + hip``; the joint itself when left out.
+    stimulus. ``sense``: a joint, ``stimulus`` (the name of one of several), or a sum such as ``ankle + hip``; the joint
+    itself when left out.
     """
 
     joint: Symbol | None = None
@@ -105,6 +107,13 @@ class FilterTable(Short):
     name: Symbol
     numerator: Number = 1.0
     denominator: Number = 1.0
+
+
+class StimulusTable(Short):
+    """One of several stimuli, each applied in recordings of its own; terms and outputs sense it by its name."""
+
+    name: Symbol
+    unit: Words = "N m"
 
 
 class OutputTable(Short):
@@ -134,8 +143,8 @@ class ModelTable(Short):
     """A closed loop of one to four joints and auxiliary unknowns, as a file declares it.
 
     ``angles``: names of the joint angles where they are not those of the joints. ``sensor_filter``: filter between the
-    true and the measured angle, by joint. ``output``: what is measured, where it is not the angles. ``provenance``:
-    where the true values come from.
+    true and the measured angle, by joint. ``output``: what is measured, where it is not the angles. ``stimulus``: the
+    stimuli, where there are several. ``provenance``: where the true values come from.
     """
 
     name: Symbol | None = None
@@ -151,11 +160,17 @@ class ModelTable(Short):
     filter: Annotated[tuple[FilterTable, ...], MOST] = ()
     sensor_filter: dict[Symbol, Symbol] = Field(default={})
     output: Annotated[tuple[OutputTable, ...], MOST] = ()
+    stimulus: Annotated[tuple[StimulusTable, ...], MOST] = ()
     derived: Annotated[tuple[DerivedTable, ...], MOST] = ()
 
     def values(self) -> dict[str, float]:
         """The constants as numbers."""
         return resolved(self.constants)
+
+    @property
+    def stimuli(self) -> tuple[str, ...]:
+        """Names of the stimuli; ``"stimulus"`` where there is one."""
+        return tuple(s.name for s in self.stimulus) or ("stimulus",)
 
     @property
     def delays(self) -> set[str]:
@@ -193,10 +208,11 @@ class ModelTable(Short):
                 measured if any(measured) else (),
                 rows,
                 angles,
-                self.stimulus_unit,
+                " or ".join(dict.fromkeys(s.unit for s in self.stimulus)) or self.stimulus_unit,
                 self.provenance,
-                unit=self.unit,
-                outputs=outputs,
+                tuple(Block(s.unit, None, s.name) for s in self.stimulus),
+                self.unit,
+                outputs,
             )
         except ModelError as error:
             raise DesignError(str(error)) from None
@@ -215,23 +231,25 @@ class ModelTable(Short):
     def _output(self, table: OutputTable, known: Mapping[str, float], joints: Mapping[str, str]) -> Output:
         """A sum of joint angles, their derivatives and the stimulus."""
         where = f"output.{table.name}"
-        signals = {**joints, **{angle: angle for angle in joints.values()}, "stimulus": "stimulus"}
+        signals = {**joints, **{angle: angle for angle in joints.values()}}
+        stimuli = {name: k for k, name in enumerate(self.stimuli)}
         try:
             polynomial = pieces(table.value, known)
         except ModelError as error:
             raise DesignError(f"{where}.value: {error}") from None
-        terms = []
+        terms, summed = [], ", ".join([*signals, *stimuli])
         for coefficient, order, powers in polynomial:
             for name, _ in powers:
-                _known(name, [*signals, *known], f"{where}.value")
+                _known(name, [*signals, *stimuli, *known], f"{where}.value")
             if len(powers) != 1 or powers[0][1] != 1:
                 raise DesignError(
-                    f"{where}.value: expected a sum of {', '.join(signals)}, each times constants and powers of s, got "
+                    f"{where}.value: expected a sum of {summed}, each times constants and powers of s, got "
                     f"{table.value!r}"
                 )
-            terms.append(OutputTerm(signals[powers[0][0]], coefficient, order))
+            ((name, _),) = powers
+            terms.append(OutputTerm(signals.get(name, "stimulus"), coefficient, order, stimuli.get(name, 0)))
         if not any(t.coefficient for t in terms):
-            raise DesignError(f"{where}.value: expected a sum of {', '.join(signals)}, got nothing: {table.value!r}")
+            raise DesignError(f"{where}.value: expected a sum of {summed}, got nothing: {table.value!r}")
         return Output(table.name, tuple(terms), self.unit if table.unit is None else table.unit)
 
     def _filter(self, table: FilterTable, known: Mapping[str, float], names: set[str]) -> Filter:
@@ -282,18 +300,22 @@ class ModelTable(Short):
         sense = self._sense(t.sense or joint, joints, f"{where}.sense")
         coefficient = number(t.coefficient, known, f"{where}.coefficient")
         delay, late = (*t.delay, None, None)[:2]
-        return Term(joint, sense, t.gain, t.order, delay, t.filter, coefficient, t.noisy, 0, late)
+        stimulus = self.stimuli.index(sense) if sense in self.stimuli else 0
+        heard = "stimulus" if sense in self.stimuli else sense
+        return Term(joint, heard, t.gain, t.order, delay, t.filter, coefficient, t.noisy, stimulus, late)
 
     def _sense(self, sense: str, joints: Mapping[str, str], where: str) -> str:
         """What a term senses, by the names of angles; joints stand for their angles."""
-        if sense == "stimulus" or sense in joints.values():
+        if sense in self.stimuli or sense in joints.values():
             return sense
         text = re.sub(r"[A-Za-z_]\w*", lambda m: joints.get(m.group(), m.group()), sense)
         try:
             expression(text, joints.values(), "sum", " + ".join(self.joints))
         except InputError:
             known = ", ".join(dict.fromkeys([*self.joints, *joints.values()]))
-            raise DesignError(f"{where}: expected stimulus, {known}, or a sum of joints, got {sense!r}") from None
+            raise DesignError(
+                f"{where}: expected {', '.join(self.stimuli)}, {known}, or a sum of joints, got {sense!r}"
+            ) from None
         return text
 
     def _check_used(self, terms: tuple[Term, ...], filters: tuple[Filter, ...]) -> None:
@@ -310,8 +332,9 @@ class ModelTable(Short):
                 raise DesignError(f"parameter.{p.name}: expected a parameter that a term holds, got one that none does")
         if not self.parameter:
             raise DesignError("parameter: missing, expected at least one table [[model.parameter]]")
-        if not any(t.sense == "stimulus" for t in terms):
-            raise DesignError("term: expected one that senses the stimulus, got none")
+        for k, name in enumerate(self.stimuli):
+            if not any(t.sense == "stimulus" and t.stimulus == k for t in terms):
+                raise DesignError(f"term: expected one that senses the {name.removeprefix('the ')}, got none")
         for joint in self.joints:
             if not any(t.row == joint for t in terms):
                 raise DesignError(f"joints: expected terms in the balance of every joint, got none for {joint}")
@@ -404,6 +427,7 @@ def _check_names(table: ModelTable) -> None:
     taken: dict[str, str] = dict.fromkeys(RESERVED, "a word of the grammar")
     for what, names in (
         ("joint", table.joints),
+        ("stimulus", [s.name for s in table.stimulus]),
         ("constant", table.constants),
         ("parameter", [p.name for p in table.parameter]),
         ("filter", [f.name for f in table.filter]),
@@ -421,8 +445,8 @@ def _check_names(table: ModelTable) -> None:
 
 def table_of(model: Model) -> dict[str, Any]:
     """The plain table of a model, without what has its default."""
-    if model.blocks:
-        raise ModelError(f"model {model.name}: expected a single stimulus, got {len(model.blocks)}")
+    if any(b.lines is not None for b in model.blocks):
+        raise ModelError(f"model {model.name}: expected stimuli that share their lines, got those of recordings")
     n = model.n_rows - model.padded
     joints, angles = tuple(reversed(model.rows))[:n], model.angles[:n]
     sums = {model.senses[angle]: angle for angle in angles}
@@ -431,8 +455,10 @@ def table_of(model: Model) -> dict[str, Any]:
     own = angles[0] if n == 1 else ""
 
     def term(t: Term) -> dict[str, Any]:
-        named = t.sense in (*angles, "stimulus")
+        named = t.sense in angles
         sense = t.sense if named else sums.get(model.senses[t.sense], t.sense)
+        if t.sense == "stimulus":
+            sense = model.stimulus_names[t.stimulus]
         return {
             "joint": None if n == 1 else t.row,
             "sense": None if sense == own else sense,
@@ -448,11 +474,12 @@ def table_of(model: Model) -> dict[str, Any]:
         return written(tuple((m.coefficient, m.order, m.powers) for m in monomials))
 
     def output(o: Output) -> str:
-        signals = (*model.angles, "stimulus")
         found = (
-            (t.coefficient * (-weight if name == "stimulus" else weight), t.order, ((name, 1),))
+            (t.coefficient * (-weight if t.sense == "stimulus" else weight), t.order, ((name, 1),))
             for t in o.terms
-            for name, weight in zip(signals, model.senses[t.sense], strict=True)
+            for name, weight in zip(
+                (*model.angles, model.stimulus_names[t.stimulus]), model.senses[t.sense], strict=True
+            )
             if weight
         )
         return written(tuple(found))
@@ -462,7 +489,8 @@ def table_of(model: Model) -> dict[str, Any]:
         "joints": joints,
         "angles": () if angles == joints else angles,
         "unit": model.unit,
-        "stimulus_unit": model.stimulus_unit,
+        "stimulus_unit": ModelTable.model_fields["stimulus_unit"].default if model.blocks else model.stimulus_unit,
+        "stimulus": [{"name": b.name, "unit": b.unit} for b in model.blocks],
         "provenance": model.provenance,
         "parameter": [
             {"name": p.name, "unit": p.unit, "value": p.value, "lower": p.lower, "upper": p.upper, "meaning": p.meaning}

@@ -123,7 +123,10 @@ def _group(study: Study, name: str | None) -> tuple[str, Group]:
     if name not in study.groups:
         raise InputError(f"group: expected one of {', '.join(study.groups)}, got {name!r}")
     group = study.groups[name]
-    if not noisy_outputs(group, build_model(group)):
+    model = build_model(group)
+    if model.blocks:
+        raise InputError(f"group {name}: expected a model with one stimulus, got {', '.join(model.stimulus_names)}")
+    if not noisy_outputs(group, model):
         raise InputError(f"group {name}: expected noise on all outputs; without noise every design is as good")
     if group.until_certain:
         raise InputError(f"group {name}: starts: expected a number, not 'until certain'")

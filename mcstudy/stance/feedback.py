@@ -260,10 +260,15 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Consecutive lines of a joint set that one stimulus evokes: its ``unit``, and the number of ``lines``."""
+    """One of several stimuli: its ``unit``, and the ``lines`` that it evokes.
+
+    ``lines``: their number, one block after the other; or None in all blocks, where every frequency is measured under
+    each stimulus in turn. ``name``: what the stimulus is called.
+    """
 
     unit: str
-    lines: int
+    lines: int | None
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -295,8 +300,9 @@ class Model:
     provenance
         Origin of the true values, text for people.
     blocks
-        Which stimulus evokes which of the frequencies at which responses are asked for (`Block`), one after the other
-        (`mcstudy.stance.joint`); empty for a single stimulus, whose responses may be asked for at any frequencies.
+        Which stimulus evokes which of the frequencies at which responses are asked for (`Block`), one block after the
+        other (`mcstudy.stance.joint`) or each frequency under every stimulus in turn; empty for a single stimulus,
+        whose responses may be asked for at any frequencies.
     unit
         Unit of the angles.
     outputs
@@ -407,6 +413,11 @@ class Model:
         return known
 
     @property
+    def stimulus_names(self) -> tuple[str, ...]:
+        """Names of the J stimuli; ``"stimulus"`` alone where there is one without a name."""
+        return tuple(b.name or f"stimulus {k + 1}" for k, b in enumerate(self.blocks)) or ("stimulus",)
+
+    @property
     def n_rows(self) -> int:
         """R, rows of A(s): joints and auxiliary unknowns."""
         return len(self.rows)
@@ -453,7 +464,14 @@ class Model:
         """
         if not self.blocks:
             return None
-        lines = [b.lines for b in self.blocks]
+        lines = [b.lines for b in self.blocks if b.lines is not None]
+        if not lines:
+            if n % len(self.blocks):
+                raise ModelError(
+                    f"model {self.name}: expected every frequency under each of {len(self.blocks)} stimuli in turn, "
+                    f"got {n} frequencies"
+                )
+            return np.tile(np.arange(len(self.blocks)), n // len(self.blocks))
         if sum(lines) != n:
             raise ModelError(f"model {self.name}: expected the {sum(lines)} lines of its stimuli, got {n} frequencies")
         return np.repeat(np.arange(len(lines)), lines)

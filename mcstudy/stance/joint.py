@@ -17,7 +17,7 @@ from mcstudy.stance.body import STIMULI, WEIGHTS, Body, stimulus_terms
 from mcstudy.stance.feedback import Block, Filter, Model, Output, Parameter, Term
 
 
-def joined(models: Sequence[Model], lines: Sequence[int]) -> Model:
+def joined(models: Sequence[Model], lines: Sequence[int | None]) -> Model:
     """The joint model of ``models`` that differ in their stimulus only, with so many ``lines`` of each.
 
     Parameters of all models come first in the order of the first one, those of single models (sensory weights) after
@@ -74,7 +74,7 @@ def changed(model: Model, change: Callable[[Model], Model]) -> Model:
     """``change`` of a model, made to every member of a joint one."""
     if not model.blocks:
         return change(model)
-    return joined([change(m) for m in members(model)], [b.lines for b in model.blocks])
+    return replace(joined([change(m) for m in members(model)], [b.lines for b in model.blocks]), blocks=model.blocks)
 
 
 def under(model: Model, kind: str, body: Body) -> Model:

@@ -11,6 +11,7 @@ from mcstudy.models.record import ModelTable
 from mcstudy.spectra.bands import PERIOD_S
 from mcstudy.stance.body import WEIGHTS
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import members
 from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES, Range
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.stance.simulate_spectral import sway_psd
@@ -164,7 +165,7 @@ def noisy_outputs(group: Group, model: Model) -> bool:
         return False
     measured, n = group.measurement_noise, model.n_angles
     recorded = None if measured is None else measured.psd(group.stimulus.rate_hz)
-    density = sway_psd(model, model.truth, group.noise_source, kept_points(group).f, recorded)[:, :n, :n]
+    density = sway_psd(members(model)[0], model.truth, group.noise_source, kept_points(group).f, recorded)[:, :n, :n]
     size = np.sqrt(np.einsum("nii->ni", density).real)
     if not (size > 0).all():
         return False
@@ -199,7 +200,7 @@ def _check_frequencies(group: Group, model: Model) -> None:
         if np.abs(points - f).min() > half_line:
             raise DesignError(f"spectra.exclude_hz: expected frequencies of the FRF, got {f}")
     try:
-        smallest = len(kept_points(group).below(group.fmax[0]))
+        smallest = len(model.stimulus_names) * len(kept_points(group).below(group.fmax[0]))
     except InputError:
         smallest = 0
     check_determined(smallest, model, group.fmax[0], "fmax")
@@ -237,7 +238,9 @@ def _check_size(group: Group, model: Model) -> None:
     """Limits of the memory that a run needs at once, and of the number of files."""
     cell = len(group.fmax) * group.starts
     depth = realizations_a_chunk(group)
-    size = depth * _realization_bytes(group, len(model.parameters), len(kept_points(group).f), model.n_outputs)
+    size = depth * _realization_bytes(
+        group, len(model.parameters), len(model.stimulus_names) * len(kept_points(group).f), model.n_outputs
+    )
     if size > LARGEST_CHUNK:
         raise DesignError(
             f"starts: expected a chunk of at most {LARGEST_CHUNK} bytes, got {size} "

@@ -13,7 +13,7 @@ from mcstudy.stance.response import frf
 from mcstudy.streams import start_stream
 from mcstudy.study.cube.layout import Layout, layout
 from mcstudy.study.design import Group
-from mcstudy.study.measure import SIMULATORS, Measurement, kept_points
+from mcstudy.study.measure import Measurement, kept_points, measuring
 from mcstudy.study.models import build_model
 
 if TYPE_CHECKING:
@@ -33,11 +33,12 @@ class Experiment:
         self.group, self.seed = group, seed
         self.model: Model = build_model(group)
         self.bands = kept_points(group)
-        self.f = self.bands.f
-        self._points = {fmax: len(self.bands.below(fmax)) for fmax in group.fmax}
+        stimuli = len(self.model.stimulus_names)
+        self.f = np.repeat(self.bands.f, stimuli)
+        self._points = {fmax: stimuli * len(self.bands.below(fmax)) for fmax in group.fmax}
         self.n_frequencies = tuple(self._points[fmax] for fmax in group.fmax)
         self.true_frf = frf(self.model, self.model.truth, self.f)
-        self.measure = SIMULATORS[group.simulator](group, self.model, self.bands, seed)
+        self.measure = measuring(group, self.model, self.bands, seed)
 
     def layout(self, depth: int) -> Layout:
         """The arrays of the group in a cube, with ``depth`` realizations a chunk."""
@@ -66,7 +67,7 @@ class Experiment:
     def _overlap(self) -> np.ndarray:
         from mcstudy.fitting.standard_errors import overlap_of
 
-        return overlap_of(self.bands)
+        return overlap_of(self.bands, len(self.model.stimulus_names))
 
     def starts(self, problems: Sequence[Problem], realizations: Sequence[int], first: int | None = None) -> np.ndarray:
         """The ``first`` starts, or all, for one problem per realization, (R, starts, P).

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mcstudy.spectra.bands import Bands, averaged, narrower, odd_lines, published
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import members
 from mcstudy.stance.line_stimulus import LineStimulus, Stimulus
 from mcstudy.stance.response import frf
 from mcstudy.stance.stimulus import Prts
@@ -45,6 +46,9 @@ class Measurement:
 Measuring = Callable[[float, int], Measurement]
 """From amplitude (units of the stimulus) and realization to data; safe to call from several threads."""
 
+Stream = Callable[[int], np.random.Generator]
+"""From realization to its random numbers."""
+
 
 def stimulus(group: Group, amplitude: float) -> Stimulus:
     """The stimulus of a group at one amplitude."""
@@ -74,14 +78,14 @@ def kept_points(group: Group) -> Bands:
     return bands
 
 
-def noise_free(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
+def noise_free(group: Group, model: Model, bands: Bands, stream: Stream) -> Measuring:
     """The closed form at the points' own frequencies: what the paper's noise-free fits use."""
-    del group, seed
+    del group, stream
     data = Measurement(frf(model, model.truth, bands.f), None)
     return lambda amplitude, realization: data  # noqa: ARG005
 
 
-def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
+def spectral(group: Group, model: Model, bands: Bands, stream: Stream) -> Measuring:
     """Ideal response plus the spectrum of steady-state noise sway: the paper's "sim" FRF."""
     s = group.stimulus
 
@@ -98,7 +102,7 @@ def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
 
     @lru_cache(maxsize=KEPT_REALIZATIONS)
     def drawn(realization: int) -> SpectrumNoise:
-        return subject().realization(noise_stream(seed, realization))
+        return subject().realization(stream(realization))
 
     def measure(amplitude: float, realization: int) -> Measurement:
         return Measurement(*subject().frf(drawn(realization), amplitude))
@@ -115,7 +119,7 @@ def spectral(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
     return through_loop if group.spectra.covariance == "through_loop" else measure
 
 
-def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
+def time_domain(group: Group, model: Model, bands: Bands, stream: Stream) -> Measuring:
     """FRFs of a record simulated with stimulus and noise together, from rest and with true delays."""
     s = group.stimulus
 
@@ -127,20 +131,41 @@ def time_domain(group: Group, model: Model, bands: Bands, seed: int) -> Measurin
         cycle = stimulus(group, amplitude).waveform()
         drive = np.tile(cycle, s.cycles)
         samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if model.senses_motion else drive
-        stream, measured = noise_stream(seed, realization), group.measurement_noise
-        sensed = noise.sample(stream, drive.size, s.rate_hz)
+        rng, measured = stream(realization), group.measurement_noise
+        sensed = noise.sample(rng, drive.size, s.rate_hz)
         recorded = simulate(model, model.truth, samples, s.rate_hz, noise=sensed).theta
         if measured is not None:
-            recorded = recorded + measured.sample(stream, drive.size)
+            recorded = recorded + measured.sample(rng, drive.size)
         data = frf_from_recording(recorded, drive, s.rate_hz, bands, s.discard, spectrum(group))
         return Measurement(data.frf, data.covariance)
 
     return measure
 
 
-SIMULATORS: dict[str, Callable[[Group, Model, Bands, int], Measuring]] = {
+SIMULATORS: dict[str, Callable[[Group, Model, Bands, Stream], Measuring]] = {
     "none": noise_free,
     "spectral": spectral,
     "time_domain": time_domain,
 }
 """Simulators by the name a study file gives them."""
+
+
+def measuring(group: Group, model: Model, bands: Bands, seed: int) -> Measuring:
+    """The simulator of a group; under J stimuli, each in a recording of its own, every point J times in turn."""
+    simulator = SIMULATORS[group.simulator]
+    each = [simulator(group, m, bands, partial(noise_stream, seed, stimulus=k)) for k, m in enumerate(members(model))]
+    if len(each) == 1:
+        return each[0]
+
+    def measure(amplitude: float, realization: int) -> Measurement:
+        found = [of_one(amplitude, realization) for of_one in each]
+        covariances = [m.covariance for m in found if m.covariance is not None]
+        covariance = _in_turn(covariances) if covariances else None
+        return Measurement(_in_turn([m.frf for m in found]), covariance)
+
+    return measure
+
+
+def _in_turn(arrays: list[np.ndarray]) -> np.ndarray:
+    """J arrays (N, ...) as (N J, ...), the J of a point after each other."""
+    return np.stack(arrays, axis=1).reshape(-1, *arrays[0].shape[1:])

@@ -19,7 +19,10 @@ seed = 0
 
 [model]
 joints = ["joint"]
-term = [{ order = 2 }, { gain = "B", order = 1, noisy = true }, { sense = "stimulus" }]
+stimulus = [{ name = "torque" }, { name = "force", unit = "N" }]
+term = [
+  { order = 2 }, { gain = "B", order = 1, noisy = true }, { sense = "torque" }, { sense = "force", coefficient = 0.3 },
+]
 parameter = [{ name = "B", value = 1.0 }]
 output = [{ name = "output", value = "2*joint" }]
 
@@ -32,8 +35,8 @@ store.standard_errors = true
 """
 """A study whose group has every array."""
 
-OPTIONAL = ("noise_covariance", "standard_error", "angle_unit")
-"""Arrays that some groups lack: without noise, unless asked for, without declared outputs."""
+OPTIONAL = ("noise_covariance", "standard_error", "angle_unit", "stimulus")
+"""Arrays that some groups lack: without noise, unless asked for, without declared outputs, with one stimulus."""
 
 BY_GROUP = {
     "amplitude": {"units": {"type": "string"}, "convention": {"enum": ["peak", "peak_to_peak"]}},

@@ -295,7 +295,7 @@ def test_models_are_found_by_name_or_file_and_never_by_chance(tmp_path: Path) ->
 def test_a_set_of_several_stimuli_is_no_table() -> None:
     from mcstudy.stance.feedback import Block
 
-    with pytest.raises(ModelError, match="expected a single stimulus, got 2"):
+    with pytest.raises(ModelError, match="expected stimuli that share their lines"):
         table_of(replace(two_segment(), blocks=(Block("N m", 3), Block("N m", 3))))
 
 

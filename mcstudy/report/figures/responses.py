@@ -14,6 +14,7 @@ from mcstudy.report.axes import axes, frequency_axis, log_axis
 from mcstudy.report.figures.common import GroupLike, chosen_amplitude, chosen_fmax, view_of
 from mcstudy.report.labels import CONTROLLERS, cell_label
 from mcstudy.report.style import DASHES, MARKERS, SERIES
+from mcstudy.stance.joint import members
 from mcstudy.stance.response import frf, neural_controllers
 
 Response = Callable[[GroupView, np.ndarray, np.ndarray], dict[str, np.ndarray]]
@@ -30,9 +31,14 @@ BAND = (0.1, 0.9)
 
 
 def frf_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
-    """Stimulus-to-angle FRFs by angle, in the angle's unit per unit of stimulus."""
-    H = frf(view.model, theta, f)
-    return {view.model.output_names[i].replace("theta", "θ"): H[..., i] for i in range(view.model.n_angles)}
+    """Stimulus-to-angle FRFs by angle (and stimulus, of several), in the angle's unit per unit of stimulus."""
+    model = view.model
+    responses = zip(model.stimulus_names, (frf(m, theta, f) for m in members(model)), strict=True)
+    return {
+        angle.replace("theta", "θ") + (f" from {stimulus}" if model.blocks else ""): H[..., i]
+        for stimulus, H in responses
+        for i, angle in enumerate(model.output_names[: model.n_angles])
+    }
 
 
 def controllers_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
@@ -129,7 +135,7 @@ def _draw(
     """``stable``: leave out fits whose loop is unstable, whose phase turns the other way at a resonance."""
     view = view_of(data)
     a, limit = chosen_amplitude(view, amplitude), chosen_fmax(view, fmax)
-    grid = view.cube["frequency"].values
+    grid = np.unique(view.cube["frequency"].values)
     f, true, every_fit, is_stable = _responses(view, a, limit, response)
     at = np.searchsorted(f, grid)
     fits = {name: x[is_stable] if stable else x for name, x in every_fit.items()}
@@ -159,7 +165,7 @@ def _responses(
 
     Kept, because gain and phase are drawn from the same: two responses at three Fmax, some 30 MB at most.
     """
-    grid = view.cube["frequency"].values
+    grid = np.unique(view.cube["frequency"].values)
     f = np.union1d(grid, np.geomspace(grid[0], grid[-1], FINE))  # resonances lie between a study's frequencies
     cells = view.cells.sel(amplitude=amplitude, fmax=fmax).isel(realization=slice(0, MOST_FITS))
     estimate = cells["estimate"].transpose("realization", "parameter").values

@@ -15,6 +15,8 @@ from mcstudy.report.labels import unit
 from mcstudy.report.style import COLOURS, DASHES, MARKERS, SERIES
 from mcstudy.spectra import periods
 from mcstudy.spectra.intersample import straight_lines
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import members
 from mcstudy.stance.line_stimulus import Stimulus
 from mcstudy.stance.noise import Noise
 from mcstudy.stance.response import frf
@@ -54,6 +56,11 @@ class Signals:
         view = view_of(data)
         return cls(view, seed, chosen_amplitude(view, amplitude), realization)
 
+    @property
+    def model(self) -> Model:
+        """The true model; under the first of several stimuli."""
+        return members(self.view.model)[0]
+
     @cached_property
     def periodic(self) -> Stimulus:
         """The stimulus."""
@@ -62,7 +69,7 @@ class Signals:
     @property
     def angles(self) -> list[str]:
         """Names of the angles that move."""
-        return [n.replace("theta", "θ") for n in self.view.model.output_names[: self.view.model.n_angles]]
+        return [n.replace("theta", "θ") for n in self.model.output_names[: self.model.n_angles]]
 
     @property
     def cycles(self) -> int:
@@ -91,7 +98,7 @@ class Signals:
     @cached_property
     def noise_sway(self) -> np.ndarray:
         """What is recorded without a stimulus: sway that the same noise evokes, and the noise of the recording."""
-        model = self.view.model
+        model = self.model
         measured = self.view.group.measurement_noise
         sway = NoiseSway(model, model.truth, self._noise, self.t.size, self.periodic.rate_hz, measured)
         return sway.sample(noise_stream(self.seed, self.realization))
@@ -99,14 +106,14 @@ class Signals:
     @cached_property
     def ideal_sway(self) -> np.ndarray:
         """Steady-state sway that the stimulus evokes, without noise."""
-        model = self.view.model
+        model = self.model
         once = stimulus_sway(model, model.truth, self.periodic.waveform(), self.periodic.rate_hz)
         return np.tile(once, (self.cycles, 1))
 
     @cached_property
     def simulated_sway(self) -> np.ndarray:
         """The same by integration in time from rest."""
-        model, rate = self.view.model, self.periodic.rate_hz
+        model, rate = self.model, self.periodic.rate_hz
         drive = self.torque
         if model.senses_motion:
             drive = np.tile(with_derivatives(self.periodic.waveform(), rate), (self.cycles, 1))
@@ -120,7 +127,7 @@ class Signals:
 
     def expected_noise_power(self, f: np.ndarray) -> np.ndarray:
         """E|coefficient|^2 of the mean cycle's noise without leakage, rad^2, (N, 2)."""
-        model, group = self.view.model, self.view.group
+        model, group = self.model, self.view.group
         measured = group.measurement_noise
         recorded = None if measured is None else measured.psd(self.periodic.rate_hz)
         density = sway_psd(model, model.truth, self._noise, f, recorded)
@@ -132,7 +139,7 @@ class Signals:
 
         Returns the odd lines (N,), Hz, and |simulated - exact| / |exact|, (N, angles).
         """
-        model = self.view.model
+        model = self.model
         lines = np.arange(1, int(8.0 * self.periodic.period_s) + 1, 2)
         lines = lines[self.periodic.coefficients()[lines] != 0]
         f = lines / self.periodic.period_s

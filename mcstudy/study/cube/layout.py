@@ -206,6 +206,9 @@ def layout(
     if model.outputs:
         add("angle_unit", "angle", "string", "", "", "unit of the output", model.output_units)
     add("frequency", "frequency", "<f8", 0.0, "Hz", "frequency of the FRF point", f)
+    if model.blocks:
+        in_turn = model.stimulus_names * (f.size // len(model.blocks))
+        add("stimulus", "frequency", "string", "", "", "stimulus of the FRF point", in_turn)
     add("parameter_unit", "parameter", "string", "", "", "unit of the parameter", model.units)
     meanings = [p.meaning for p in model.parameters]
     add("parameter_meaning", "parameter", "string", "", "", "meaning of the parameter", meanings)

@@ -42,13 +42,13 @@ def channel(values: dict[str, float], force: str = "", stimulus: str = "Wp") -> 
     for gain, order in (("Kp", 0), ("Kd", 1), ("Ki", -1)):
         if gain in given:
             terms += [
-                Term("control", "angle", gain, order, "tau", active),
+                Term("control", "angle", gain, order, "tau", active, noisy=True),
                 Term("control", "stimulus", (gain, stimulus), order, "tau", active),
             ]
             if force == "integrator":
-                terms.append(Term("control", "torque", (gain, "Kt"), order - 1, "tau", active, -1.0))
+                terms.append(Term("control", "torque", (gain, "Kt"), order - 1, "tau", active, -1.0, noisy=True))
             elif force == "lag":
-                terms.append(Term("control", "torque", gain, order, "tau", (*active, "lag"), -1.0))
+                terms.append(Term("control", "torque", gain, order, "tau", (*active, "lag"), -1.0, noisy=True))
     filters = [Filter("activation", "w0**2", "w0**2 + 2*beta*w0*s + s**2")] if active else []
     filters += [Filter("lag", "Kt", "1 + Ft*s")] if force == "lag" else []
     parameters = (Parameter(name, "", value, -1e4, 1e4) for name, value in given.items())
@@ -227,6 +227,27 @@ LOOPS = {
             Term("dynamics", "angle", order=2, coefficient=-0.3, delay="T"),
         ),
         rows=("joint", "dynamics"),
+        angles=("angle", "torque"),
+    ),
+    "a torque fed back at once, through a filter, and a step and a half late": Model(
+        "feedback",
+        (
+            Parameter("K", "", 30.0, 0.0, 99.0),
+            Parameter("B", "", 5.0, 0.0, 99.0),
+            Parameter("T", "s", 0.0075, 0.0, 1.0),
+        ),
+        (
+            Term("joint", "angle", order=2, coefficient=2.0),
+            Term("joint", "torque"),
+            Term("joint", "stimulus"),
+            Term("control", "torque", coefficient=-1.0),
+            Term("control", "angle", "K", noisy=True),
+            Term("control", "angle", "B", 1, "T", noisy=True),
+            Term("control", "torque", filters="lag", coefficient=-0.3, noisy=True),
+            Term("control", "torque", coefficient=-0.2, delay="T"),
+        ),
+        (Filter("lag", "1", "1 + 0.3*s"),),
+        rows=("joint", "control"),
         angles=("angle", "torque"),
     ),
     "rate and angle": Model(  # one joint as two rows of first order

@@ -198,6 +198,7 @@ def test_delayed_acceleration_beyond_the_inertia_is_unstable_at_the_rate_of_its_
     found = rightmost_root(model, model.truth)
     assert found.root.real >= chain - 1e-9
     assert found.root.real == pytest.approx(chain, abs=0.2)
+    assert found.proof in (Proof.SEARCH, Proof.RESTART, Proof.CHAIN)
     weak = model.truth.copy()
     weak[-1] = 20.0
     assert growth_rate(model, weak) == pytest.approx(roots_chebyshev(model, weak, 40)[0].real, abs=1e-8)

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from mcstudy.results.group_result import GroupResult
     from mcstudy.stance.body import Body
     from mcstudy.stance.feedback import Derived, Filter, Model, Output, OutputTerm, Parameter, Term
+    from mcstudy.stance.linked_body import LinkedBody
     from mcstudy.study.design import Study
     from mcstudy.study.study_file import read_study
 
@@ -55,6 +56,7 @@ _FROM = {
     "GroupResult": "results.group_result",
     "InputError": "errors",
     "Interrupted": "errors",
+    "LinkedBody": "stance.linked_body",
     "Model": "stance.feedback",
     "Output": "stance.feedback",
     "OutputTerm": "stance.feedback",
@@ -108,6 +110,7 @@ __all__ = [
     "GroupResult",
     "InputError",
     "Interrupted",
+    "LinkedBody",
     "Model",
     "Output",
     "OutputTerm",

@@ -8,6 +8,7 @@ or robot needs; a value outside it is a typing error and would lead to numbers t
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -490,7 +491,11 @@ class Group(Section):
         section = self.model
         angles = section.joints or ANGLES
         units = tuple(section.unit if o.unit is None else o.unit for o in section.output)
-        return self.noise.measurement.of(units or (section.unit,) * max(2, len(angles)))
+        noise = self.noise.measurement.of(units or (section.unit,) * len(angles))
+        if noise is None or units or len(angles) > 1:
+            return noise
+        ((variance,),) = noise.covariance  # of one joint, whose second angle has none
+        return replace(noise, covariance=((variance, 0.0), (0.0, 0.0)))
 
     @property
     def until_certain(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mcstudy.errors import DesignError, InputError
+from mcstudy.models.catalogue import read_model
 from mcstudy.spectra import periods
 from mcstudy.spectra.bands import odd_lines
 from mcstudy.spectra.estimate import SpectralExperiment
@@ -155,6 +156,14 @@ def test_what_is_no_noise_is_refused_in_one_line(given: dict[str, Any], message:
     assert "\n" not in str(error.value)
     with pytest.raises(InputError):
         measured(np.array([[1.0, 2.0], [2.0, 1.0]]))
+
+
+@pytest.mark.parametrize("given", [{"sd": 0.1}, {"covariance": [[0.01]]}])
+def test_a_model_of_one_joint_has_one_number(given: dict[str, Any]) -> None:
+    elbow = read_model("elbow").model()
+    group = study(given, model=elbow, fit={"cost": "ml"}, noise={"psd": 4e-4, "measurement": given}).groups["g"]
+    assert group.measurement_noise is not None
+    assert group.measurement_noise.matrix[0, 0] == pytest.approx((0.1 * DEG) ** 2)
 
 
 def test_the_covariance_through_the_loop_is_refused_beside_it() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 from markupsafe import escape
@@ -11,6 +12,7 @@ from mcstudy.report.style import COLOURS
 from mcstudy.stance.feedback import Model, Term
 
 _TOP, _STEP, _GAP = 34.0, 42.0, 34.0  # pt
+_CHARACTER = 7.5  # pt, width of one
 _SHORT = 12
 """Characters of what drives a joint beside its arrow; more are written above it."""
 _WIDTH, _BODY, _DELAY, _FEEDBACK = 680.0, (275.0, 150.0), (185.0, 90.0), (320.0, 130.0)
@@ -93,8 +95,9 @@ def diagram(model: Model, title: str, described_by: str) -> str:
         if path.controller:
             boxes.append(_words(_DELAY[0] - 5, y - 6, _name(path.controller), "end"))
     height = max(heights, default=top) + 20
+    width = max(_WIDTH, 612 + _CHARACTER * max(map(len, taps), default=0))
     return (
-        f'<svg class="plot" viewBox="0 0 {_WIDTH:g} {height:g}" role="img" aria-label="{escape(title)}" '
+        f'<svg class="plot" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{escape(title)}" '
         f'aria-describedby="{described_by}" xmlns="http://www.w3.org/2000/svg"><defs><marker id="arrow" '
         'viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
         '<path d="M0 0L8 4L0 8z" style="fill:var(--ink)"/></marker></defs>'
@@ -126,9 +129,10 @@ def _words(x: float, y: float, content: str, anchor: str = "middle") -> str:
 
 def _box(x: float, width: float, y: float, height: float, content: str) -> str:
     shape = f'<rect x="{x:g}" y="{y - height / 2:g}" width="{width:g}" height="{height:g}" rx="3"'
-    return f'{shape} style="fill:var(--panel);stroke:var(--blue);stroke-width:1.4"/>' + _words(
-        x + width / 2, y + 5, content
-    )
+    words = _words(x + width / 2, y + 5, content)
+    if len(re.sub("<[^>]*>", "", content)) * _CHARACTER > width:
+        words = words.replace("<text ", f'<text textLength="{width - 8:g}" lengthAdjust="spacingAndGlyphs" ', 1)
+    return f'{shape} style="fill:var(--panel);stroke:var(--blue);stroke-width:1.4"/>' + words
 
 
 def _circle(x: float, y: float) -> str:

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from mcstudy.errors import RecordingError
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.free_deviations import LENGTHS
@@ -37,6 +38,7 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint_recording import AnyRecording, JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
+from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
 from mcstudy.streams import stream
 from mcstudy.text_tables import p_words
@@ -56,6 +58,11 @@ def diagnose(
     Raises `RecordingError` for a recording that cannot be analysed or whose channels are mislabelled.
     """
     checked, fit = _fitted(recordings, settings)
+    if not standing(fit.model):
+        raise RecordingError(
+            f"{checked.recording.name}: model: expected that of a standing body, to which the library of effects "
+            f"attaches, got {fit.model.name}; mcstudy fit --model tests whether a declared model lacks anything"
+        )
     test = gap_test(checked.lines, fit, settings)
     labels = None if isinstance(checked.recording, FrfRecording) else _labels(checked, settings)
     diagnosis = _answers(checked.lines, test, settings, checked.recording.name, labels)

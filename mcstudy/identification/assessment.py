@@ -36,11 +36,9 @@ def assessed(fitted: FitRecord, checked: CheckedRecording, base: Model, settings
     ``base``: the model without effects, with the bounds of the fit.
     """
     f, lines, seed = fitted, checked.lines, settings.seed
-    body = standing(base)
-    gap, comparison = None, None
-    if body:
-        gap, test = gap_found(lines, checked.nominal, seed)
-    if body and settings.effects and f.without is not None:
+    body, comparison = standing(base), None
+    gap, test = gap_found(lines, checked.nominal, seed)
+    if settings.effects and f.without is not None:
         comparison = with_effects(test, lines, (base, f.model), (f.without, f.minima), settings.effects)
     everybody = bodies(f.estimates)
     stable = everybody[growth_rate(f.model, everybody) < 0]

@@ -14,6 +14,7 @@ from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.measure import highest
 from mcstudy.spectra.periodic import cycle_coefficients, excited_lines, only_odd, polarity
+from mcstudy.stance.body import standing
 from mcstudy.stance.stimulus import RECURRENCES, Prts
 from mcstudy.study.design import Study
 from mcstudy.study.group import HIGHEST_HZ
@@ -49,29 +50,39 @@ def study_of(fitted: FitRecord, name: str, *, realizations: int = 100, starts: i
     model, R = fitted.model, len(fitted.lines.repeats)
     fmax = highest(recording, fitted.method.fmax)
     what = f"the experiment of {fitted.name}, with its estimate as truth"
-    if fmax > HIGHEST_HZ:
+    body, highest_hz = standing(model), HIGHEST_HZ if standing(model) else fmax
+    if fmax > highest_hz:
         what += f"; fits up to {HIGHEST_HZ:g} Hz, where that of the person used lines up to {fmax:g} Hz"
     begun: Study = Study.from_python(name, seed=seed, description=what)
     return begun.group(
         "experiment",
         realizations=realizations,
         starts=starts,
-        fmax=[min(fmax, HIGHEST_HZ)],
+        fmax=[min(fmax, highest_hz)],
         amplitude=[float(f"{amplitude:.6g}")],
-        model={
-            "truth": {n: float(v) for n, v in zip(model.names, fitted.theta, strict=True)},
-            "body": {n: float(getattr(recording.body, n)) for n in ("J1", "J2", "C1", "C2", "A1", "A2", "g")},
-            "bounds": {
-                "absolute": {
-                    n: [float(a), float(b)] for n, a, b in zip(model.names, model.lower, model.upper, strict=True)
-                }
-            },
-        },
-        stimulus={"kind": recording.stimulus, **stimulus, "cycles": R + 1, "discard": 1},
-        noise={"table": {"f_hz": noise.f_hz, **dict(zip(noise.names, noise.densities, strict=True))}},
-        spectra={"points": "odd_lines", "ramp": "remove"},
-        fit={"cost": "ml", "starts": "linearised"},  # between such wide bounds few uniform starts end lowest
+        model=_of_body(recording, fitted) if body else model.with_values(_values(fitted)),
+        stimulus={**({"kind": recording.stimulus} if body else {}), **stimulus, "cycles": R + 1, "discard": 1},
+        noise=noise.section(),
+        spectra={"points": "odd_lines", "ramp": "remove", **({} if body else {"highest_hz": fmax})},
+        # between bounds as wide as a person's few uniform starts end lowest
+        fit={"cost": "ml", "starts": "linearised"} if body else {"cost": "ml"},
     )
+
+
+def _values(fitted: FitRecord) -> dict[str, float]:
+    """The estimates by name."""
+    return {n: float(v) for n, v in zip(fitted.model.names, fitted.theta, strict=True)}
+
+
+def _of_body(recording: Recording, fitted: FitRecord) -> dict[str, Any]:
+    """The model of a standing body, with the bounds of the fit."""
+    model = fitted.model
+    absolute = {n: [float(a), float(b)] for n, a, b in zip(model.names, model.lower, model.upper, strict=True)}
+    return {
+        "truth": _values(fitted),
+        "body": {n: float(getattr(recording.body, n)) for n in ("J1", "J2", "C1", "C2", "A1", "A2", "g")},
+        "bounds": {"absolute": absolute},
+    }
 
 
 def stimulus_of(recording: Recording, fitted: FitRecord) -> tuple[dict[str, Any], float]:

@@ -15,6 +15,7 @@ from mcstudy.identification.minimum import SEARCHES, TOLD
 from mcstudy.identification.tables import estimates, help_needed, relative
 from mcstudy.identification.trades import Combination, Valley
 from mcstudy.lines.part_fits import told
+from mcstudy.stance.body import standing
 from mcstudy.text_tables import ends, number, p_words, with_error
 
 CORRELATED = 0.9
@@ -62,11 +63,13 @@ def belief(r: FitRecord) -> str:
     out = f"The squared residual is {fits}: {r.chi2:.0f}, expected {r.expected_chi2:.0f} ({p_words(r.p_value)})."
     added = r.method.effects
     if r.gap is not None:
-        without = "Without the added effects, `" if added else "`"
         finds = "a gap" if gap_found(r) else "no gap"
-        out += f" {without}mcstudy gap diagnose --fast` finds {finds} beyond noise ({gap_p(r)})."
+        by = "`mcstudy gap diagnose --fast` finds" if standing(r.model) else "The test for a gap finds"
+        by = f"Without the added effects, {by[0].lower()}{by[1:]}" if added else by
+        out += f" {by} {finds} beyond noise ({gap_p(r)})."
     if doubtful(r):
-        out += " The intervals hold only if the model is right; `mcstudy gap diagnose` says what it may lack."
+        out += " The intervals hold only if the model is right"
+        out += "; `mcstudy gap diagnose` says what it may lack." if standing(r.model) else "."
     return out
 
 

@@ -55,6 +55,7 @@ def test_intervals_are_profiles_inside_the_bounds_of_the_model(fitted: mc.FitRes
     model = drive()
     for e, low, high, truth in zip(fitted.estimates, model.lower, model.upper, model.truth, strict=True):
         assert low <= e.low < truth < e.high <= high, e
+    assert "The test for a gap finds no gap" in fitted.text()
     for of_standing_bodies in (fitted.paper, fitted.coverage):
         assert of_standing_bodies is None
 
@@ -132,3 +133,35 @@ def test_noise_of_what_is_recorded_is_that_which_was_asked_for() -> None:
     added = np.degrees(noisy.trials[0].theta - clean.trials[0].theta)
     np.testing.assert_allclose(added.std(axis=0), [0.1, 0.3], rtol=0.03)
     assert abs(np.corrcoef(added.T)[0, 1]) < 0.03
+
+
+SETTINGS: dict[str, Any] = {"seed": 3, "cycles": 5, "rate_hz": 100.0, "noise": 0.3, "measurement_sd": 0.02}
+
+
+def test_what_a_declared_model_lacks_is_a_gap() -> None:
+    model = drive()
+    heavier = tuple(
+        replace(t, coefficient=1.15 * t.coefficient) if (t.row, t.order) == ("load", 2) else t for t in model.terms
+    )
+    lacking = mc.fit(mc.simulate(model=replace(model, terms=heavier), **SETTINGS), model=model, fmax=8.0)
+    assert lacking.gap.p_value < 0.01
+    assert lacking.p_value < 0.05
+    right = mc.fit(mc.simulate(model=model, **SETTINGS), fmax=8.0)
+    assert right.gap.p_value > 0.05
+
+
+def test_the_diagnosis_refuses_what_its_library_does_not_attach_to_in_one_line() -> None:
+    with pytest.raises(RecordingError, match=r"model: expected that of a standing body, .* got drive") as refused:
+        mc.diagnose(mc.simulate(model=drive(), **SETTINGS), fast=True, fmax=8.0)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_study_of_the_experiment_has_the_model_its_frequencies_and_the_noise_that_was_simulated() -> None:
+    study = mc.study_from(mc.fit(mc.simulate(model=drive(), **SETTINGS), fmax=10.0), realizations=2, starts=2)
+    group = study.groups["experiment"]
+    assert (group.model.title, group.fmax, group.spectra.highest_hz) == ("drive", (10.0,), 10.0)
+    assert group.stimulus.cycles == 5
+    np.testing.assert_allclose(group.noise.measurement.sd, 0.02, rtol=0.15)
+    assert list(group.noise.table.psd) == ["motor"]  # the only sensor whose noise enters the loop
+    values = [float(p.value) for p in group.model.parameter]
+    np.testing.assert_allclose(values, drive().truth, rtol=0.1)

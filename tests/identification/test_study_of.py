@@ -46,7 +46,7 @@ def test_the_noise_of_the_study_evokes_the_sway_that_was_measured(fitted: mc.Fit
     nominal = mc.simulate(seed=0, cycles=3, rate_hz=50.0).base_model()
     true, study = (
         np.sqrt(np.einsum("nii->i", sway_psd(model, theta, noise, f)).real)
-        for theta, noise in ((nominal.truth, truth), (fitted.theta, noise_of(fitted)))
+        for theta, noise in ((nominal.truth, truth), (fitted.theta, noise_of(fitted).sensors))
     )
     np.testing.assert_allclose(study / true, 1, atol=0.2)
 

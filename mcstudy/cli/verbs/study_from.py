@@ -7,7 +7,7 @@ import re
 from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import add_out_argument, positive
-from mcstudy.cli.recording_options import add_recording_arguments, read_recordings, with_names
+from mcstudy.cli.recording_options import add_model_argument, add_recording_arguments, read_recordings, with_names
 from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ TOPIC = "parameters"
 def add_arguments(parser: Parser) -> None:
     """Declare the arguments."""
     add_recording_arguments(parser)
+    add_model_argument(parser)
     add_out_argument(parser, "STUDY", "study file (.toml) to write", required=True)
     parser.add_argument("--realizations", type=positive, default=100, metavar="N", help="realizations (default 100)")
     parser.add_argument("--starts", type=positive, default=10, metavar="N", help="starts per fit (default 10)")

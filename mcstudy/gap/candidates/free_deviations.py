@@ -21,8 +21,9 @@ import numpy as np
 
 from mcstudy.fitting.penalised import Fitted, whiten
 from mcstudy.fitting.problem import Data
+from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
-from mcstudy.stance.response import active, system
+from mcstudy.stance.response import active, output_matrices, system
 
 LENGTHS = (0.6, 1.2)
 """Length scales of a free torque, in units of ln frequency."""
@@ -34,6 +35,9 @@ RANK = 14
 """Number of smooth functions kept per length scale; the others have less than 1 % of the variance."""
 
 DELAYS_S = (0.0, 0.05, 0.12, 0.25)
+MIDDLE_HZ = 0.43
+"""Geometric mean of the lowest and the highest line of a standing body, up to 8 Hz."""
+
 RESONANCES_HZ = (0.5, 1.0, 2.0, 3.0, 4.5, 6.5)
 
 
@@ -85,7 +89,7 @@ def by_stimulus(model: Model, functions: np.ndarray) -> np.ndarray:
 
 
 def free_torques(fitted: Fitted, data: Data) -> list[Family]:
-    """Free torques at the ankle, the hip and both, and free relative errors of both measured angles.
+    """Free torques at every joint and at all of them, the lowest first, and free relative errors of what is measured.
 
     Torques under different stimuli are independent: what is unknown may depend on what moves the body. A sensor has
     the same error under all of them. With one measured angle a torque at the locked hip is none.
@@ -94,7 +98,8 @@ def free_torques(fitted: Fitted, data: Data) -> list[Family]:
     model, theta = fitted.model, fitted.theta
     A, b = system(model, theta, s)
     H = np.linalg.solve(A, b[..., None])[..., 0]
-    reply = data.weight @ np.linalg.inv(A)  # whitened
+    reply = data.weight @ _replies(model, A, s)  # whitened
+    lowest_first = tuple(reversed(model.rows[int(model.padded) :]))
     loop = np.abs(np.einsum("nij,nj->ni", active(model, theta, s), H)) + 0.1 * np.abs(b).max(axis=1, keepdims=True)
     y = fitted.response(data.f)
     out = []
@@ -109,13 +114,18 @@ def free_torques(fitted: Fitted, data: Data) -> list[Family]:
             _complex(data.weight[:, :, k, None] * (y[:, k, None] * phi)[:, None, :]) for k in range(model.n_angles)
         ]
         variances = tuple(v**2 for v in SIZES)
-        out.append(Family("free ankle torque", ("ankle",), torque["ankle"], variances))
-        if model.n_angles == 2:
-            both = np.concatenate([torque["ankle"], torque["hip"]], axis=1)
-            out.append(Family("free hip torque", ("hip",), torque["hip"], variances))
-            out.append(Family("free ankle and hip torque", ("ankle", "hip"), both, variances))
+        out += [Family(f"free {row} torque", (row,), torque[row], variances) for row in lowest_first]
+        if len(lowest_first) > 1:
+            together = np.concatenate([torque[row] for row in lowest_first], axis=1)
+            out.append(Family(f"free {' and '.join(lowest_first)} torque", lowest_first, together, variances))
         out.append(Family("free sensor error", ("sensor",), np.concatenate(sensor, axis=1), variances))
     return out
+
+
+def _replies(model: Model, A: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """(N, Y, R) what is measured per unit of torque by row, but for the filters of the sensors."""
+    inverse = np.linalg.inv(A)
+    return output_matrices(model, s)[0] @ inverse if model.outputs else inverse
 
 
 def plain_feedback(fitted: Fitted, data: Data) -> list[tuple[str, tuple[str, ...], np.ndarray]]:
@@ -124,26 +134,31 @@ def plain_feedback(fitted: Fitted, data: Data) -> list[tuple[str, tuple[str, ...
     model, theta = fitted.model, fitted.theta
     A, b = system(model, theta, s)
     H = np.linalg.solve(A, b[..., None])[..., 0]
-    inverse = np.linalg.inv(A)
-    n = model.n_angles
-    rows = list(enumerate(model.rows))[2 - n :]
-    senses = dict(zip(("theta1", "theta2")[:n], H.T, strict=False))
-    shapes = [(f"s^{n} e^(-{d:g} s)", s**n * np.exp(-d * s)) for n, d in product((-1, 0, 1, 2), DELAYS_S)]
-    shapes += [(f"mode {f0:g} Hz", _mode(s, f0)) for f0 in RESONANCES_HZ]
-    shapes += [(f"corner {1 / tau:g}/s", 1 / (tau * s + 1)) for tau in (0.05, 0.2, 1.0, 4.0)]
+    reply = _replies(model, A, s)
+    joints, n = model.n_rows - model.padded, model.n_angles
+    rows = list(enumerate(model.rows))[-joints:]
+    senses = dict(zip(model.angles[:joints], H.T, strict=False))
+    # Times of a standing body; of a declared model they have the same place among its lines.
+    second = 1.0 if standing(model) else MIDDLE_HZ / float(np.sqrt(data.f.min() * data.f.max()))
+    delays = [d * second for d in DELAYS_S]
+    shapes = [(f"s^{n} e^(-{d:g} s)", s**n * np.exp(-d * s)) for n, d in product((-1, 0, 1, 2), delays)]
+    shapes += [(f"mode {f0 / second:g} Hz", _mode(s, f0 / second)) for f0 in RESONANCES_HZ]
+    corners = [tau * second for tau in (0.05, 0.2, 1.0, 4.0)]
+    shapes += [(f"corner {1 / tau:g}/s", 1 / (tau * s + 1)) for tau in corners]
     named, columns = [], []
     for (k, row), (sense, z), (name, shape) in product(rows, senses.items(), shapes):
         named.append((f"{row} <- {name} {sense}", (row,)))
-        columns.append(inverse[:, :, k] * (shape * z)[:, None])
+        columns.append(reply[:, :, k] * (shape * z)[:, None])
     scale = np.abs(b).max(axis=1)
     for (k, row), (name, shape) in product(rows, shapes[:16:4]):
         named.append((f"{row} <- {name} stimulus", (row,)))
-        columns.append(inverse[:, :, k] * (shape * scale)[:, None])
+        columns.append(reply[:, :, k] * (shape * scale)[:, None])
     y = fitted.response(data.f)
     for (i, j), order in product(product(range(n), range(n)), (-1, 0, 1, 2)):
         column = np.zeros_like(y)
         column[:, i] = s**order * y[:, j]
-        named.append((f"measured {model.angles[i]} <- s^{order} {model.angles[j]}", ("sensor",)))
+        measured = model.output_names
+        named.append((f"measured {measured[i]} <- s^{order} {measured[j]}", ("sensor",)))
         columns.append(column)
     whitened = whiten(data.weight, np.stack(columns, axis=-1)).T
     return [(*names, column) for names, column in zip(named, whitened, strict=True)]

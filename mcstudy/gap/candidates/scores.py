@@ -88,7 +88,7 @@ class Scores:
         self.project = Projection.of(fitted, data)
         self.library = [s for s in signatures if s.delta > 0.3]
         self._signed = [x for s, x in zip(signatures, signed, strict=True) if s.delta > 0.3]
-        unit = np.array([s.vector / s.delta for s in self.library]).reshape(-1, 4 * data.f.size).T
+        unit = np.array([s.vector / s.delta for s in self.library]).reshape(-1, 2 * data.y.size).T
         names, places, columns = zip(*plain_feedback(fitted, data), strict=True)
         self.plain = strange(list(zip(names, places, self.project(np.array(columns).T).T, strict=True)), unit)
         families = free_torques(fitted, data)

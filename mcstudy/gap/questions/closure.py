@@ -236,7 +236,7 @@ def noise_rms_deg(fitted: Fitted, data: Data, lines: Lines, rng: np.random.Gener
     From null samples through the linearised fit, which include the uncertainty of the noise estimate.
     """
     null = linear_null(fitted, data, lines.noise.draw(rng, SWAY_SAMPLES))
-    errors = np.einsum("nij,njk->nik", np.linalg.inv(data.weight), as_complex(null))
+    errors = np.einsum("nij,njk->nik", np.linalg.inv(data.weight), as_complex(null, data.f.size))
     square = 2 * lines.power @ (np.abs(errors) ** 2).sum(axis=1)
     low, high = np.rad2deg(np.sqrt(np.quantile(square, (0.025, 0.975))))
     return float(low), float(high)

@@ -117,12 +117,12 @@ def contrast(
         if length < 1e-9:
             continue
         unit = e.gain_sign * J / length
-        spread = _spread(unit, difference[:, None])[0]
+        spread = _spread(unit, difference[:, None], weight.shape[-1])[0]
         z = float(unit @ difference) / spread
         scale = TYPICAL_CHANGE * length
         one_sided = not e.size.signed
         value = float(log_factor(np.array(z), scale, one_sided))
-        null.append(log_factor(unit @ noise / _spread(unit, noise), scale, one_sided))
+        null.append(log_factor(unit @ noise / _spread(unit, noise, weight.shape[-1]), scale, one_sided))
         gain = e.gain_sign * z * spread / length
         size = None if e.size_from_gain is None else e.size_from_gain(gain, between)
         changes.append(Change(e.name, value, z, gain, float(spread) / length, size))
@@ -133,14 +133,14 @@ def contrast(
     return Contrast(kind, between, tuple(changes), (1 + exceed) / (1 + draws))
 
 
-def _spread(unit: np.ndarray, difference: np.ndarray) -> np.ndarray:
-    """Root-mean-square (n,) of differences (4 N, n) at the lines that a signature weights, without the signature.
+def _spread(unit: np.ndarray, difference: np.ndarray, outputs: int) -> np.ndarray:
+    """Root-mean-square (n,) of differences (2 N Y, n) at the lines that a signature weights, without the signature.
 
     Cycles of one trial are not quite independent, so the noise level is estimated from the difference itself.
     """
     rest = difference - np.outer(unit, unit @ difference)
-    power = (unit**2).reshape(2, -1, 2).sum(axis=(0, 2))
-    weight = np.broadcast_to(power[None, :, None] / 4, (2, power.size, 2)).ravel()
+    power = (unit**2).reshape(2, -1, outputs).sum(axis=(0, 2))
+    weight = np.broadcast_to(power[None, :, None] / (2 * outputs), (2, power.size, outputs)).ravel()
     return np.sqrt(np.maximum(weight @ rest**2 / (weight @ (1 - unit**2)), 0.3))
 
 

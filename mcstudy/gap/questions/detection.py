@@ -118,10 +118,10 @@ class Detection:
         return float(low), float(high)
 
 
-def as_complex(r: np.ndarray) -> np.ndarray:
-    """(4 N, n) real whitened vectors as (N, 2, n) complex."""
+def as_complex(r: np.ndarray, lines: int) -> np.ndarray:
+    """(2 N Y, n) real whitened vectors as (N, Y, n) complex, N ``lines``."""
     half = r.shape[0] // 2
-    return (r[:half] + 1j * r[half:]).reshape(half // 2, 2, -1)
+    return (r[:half] + 1j * r[half:]).reshape(lines, half // lines, -1)
 
 
 def linear_null(fitted: Fitted, data: Data, noise: np.ndarray) -> np.ndarray:
@@ -137,7 +137,7 @@ def refitted_null(fitted: Fitted, fitter: Fitter, data: Data, noise: np.ndarray)
     """
     from dask import compute, delayed  # imported here because the fast diagnosis does not need Dask
 
-    errors = np.einsum("nij,njk->kni", np.linalg.inv(data.weight), as_complex(noise))
+    errors = np.einsum("nij,njk->kni", np.linalg.inv(data.weight), as_complex(noise, data.f.size))
     y = fitted.response(data.f) + errors
     packed = np.array([fitter.packed(data.with_y(x)) for x in y])
 
@@ -199,11 +199,11 @@ def _any(smooth: np.ndarray, unstructured: np.ndarray) -> np.ndarray:
 def standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
     """(N, 2, n): residuals by angle, divided by their standard deviation after the fit."""
     colour = np.linalg.inv(data.weight)
-    J = colour @ as_complex(fitted.jacobian(data))  # derivative of the FRFs, (N, 2, P)
+    J = colour @ as_complex(fitted.jacobian(data), data.f.size)  # derivative of the FRFs, (N, 2, P)
     variance = 2 * np.einsum("nij,nij->ni", colour, colour.conj()).real
     taken = np.einsum("nip,pq,niq->ni", J, fitted.covariance, J.conj()).real
     left = np.maximum(variance - taken, 0.05 * variance)
-    return np.einsum("nij,njk->nik", colour, as_complex(r)) / np.sqrt(left)[..., None]
+    return np.einsum("nij,njk->nik", colour, as_complex(r, data.f.size)) / np.sqrt(left)[..., None]
 
 
 def bands(f: np.ndarray, angles: tuple[str, ...], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:

@@ -129,7 +129,10 @@ def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     proof[(outcome == CERTIFIED) & (rounds > 1)] = Proof.RESTART
     root[outcome == STATIC], root[outcome == ADVANCED] = -np.inf, np.inf
     for b in np.flatnonzero(outcome == FAILED):
-        eigenvalues = roots_chebyshev(model, theta[b], FALLBACK_ORDER)
+        try:
+            eigenvalues = roots_chebyshev(model, theta[b], FALLBACK_ORDER)
+        except ModelError:  # not to be realised in time: what the search has found remains, uncertain
+            continue
         hints = eigenvalues[eigenvalues.imag >= 0][None, :12].copy()
         row = slice(b, b + 1)
         rightmost(numerator[row], delay[row], hints, room, root[row], outcome[row], rounds[row])

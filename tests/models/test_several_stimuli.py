@@ -115,5 +115,5 @@ def test_a_group_applies_some_of_the_stimuli() -> None:
     )
     assert pull.model.stimulus_names == ("pull",)
     np.testing.assert_array_equal(pull.true_frf, both.true_frf[1::2])
-    with pytest.raises(DesignError, match="stimulus.applied: expected one of push, pull, got 'tilt'"):
+    with pytest.raises(DesignError, match=r"stimulus\.applied: expected one of push, pull, got 'tilt'"):
         parse_study(TWO.replace("[group.one]", '[group.one]\nstimulus.applied = ["tilt"]'))

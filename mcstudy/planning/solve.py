@@ -124,7 +124,7 @@ def _group(study: Study, name: str | None) -> tuple[str, Group]:
         raise InputError(f"group: expected one of {', '.join(study.groups)}, got {name!r}")
     group = study.groups[name]
     model = build_model(group)
-    if model.blocks:
+    if len(model.blocks) > 1:
         raise InputError(f"group {name}: expected a model with one stimulus, got {', '.join(model.stimulus_names)}")
     if not noisy_outputs(group, model):
         raise InputError(f"group {name}: expected noise on all outputs; without noise every design is as good")

@@ -11,10 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 from mcstudy.errors import ModelError
 from mcstudy.stance.body import STIMULI, WEIGHTS, Body, stimulus_terms
-from mcstudy.stance.feedback import Block, Filter, Model, Output, Parameter, Term
+from mcstudy.stance.feedback import Block, Filter, Model, Output, OutputTerm, Parameter, Term
+
+T = TypeVar("T", Term, OutputTerm)
 
 
 def joined(models: Sequence[Model], lines: Sequence[int | None]) -> Model:
@@ -49,24 +52,25 @@ def members(model: Model) -> tuple[Model, ...]:
     """The models of the single stimuli, each with all parameters; the model itself if it has one stimulus."""
     if not model.blocks:
         return (model,)
-    return tuple(
-        replace(
-            model,
-            terms=(
-                *_loop(model),
-                *(replace(t, stimulus=0) for t in model.terms if t.sense == "stimulus" and t.stimulus == k),
-            ),
-            outputs=tuple(
-                replace(
-                    o,
-                    terms=tuple(replace(t, stimulus=0) for t in o.terms if t.sense != "stimulus" or t.stimulus == k),
-                )
-                for o in model.outputs
-            ),
-            stimulus_unit=block.unit,
-            blocks=(),
+    return tuple(replace(under_some(model, [k]), blocks=()) for k in range(len(model.blocks)))
+
+
+def under_some(model: Model, stimuli: Sequence[int]) -> Model:
+    """The model under some of its several ``stimuli``, by position, in that order."""
+    at = {stimulus: k for k, stimulus in enumerate(stimuli)}
+
+    def heard(terms: Sequence[T]) -> tuple[T, ...]:
+        return tuple(
+            replace(t, stimulus=at.get(t.stimulus, 0)) for t in terms if t.sense != "stimulus" or t.stimulus in at
         )
-        for k, block in enumerate(model.blocks)
+
+    blocks = tuple(model.blocks[k] for k in stimuli)
+    return replace(
+        model,
+        terms=heard(model.terms),
+        outputs=tuple(replace(o, terms=heard(o.terms)) for o in model.outputs),
+        stimulus_unit=" or ".join(dict.fromkeys(b.unit for b in blocks)),
+        blocks=blocks,
     )
 
 

@@ -172,7 +172,8 @@ class LinesSection(Section):
 class StimulusSection(Section):
     """Pseudorandom ternary stimulus: 3**stages - 1 states of state_s seconds; ``cycles`` periods, some discarded.
 
-    ``lines``: the cycle of the sequence, with these lines instead of those of the sequence.
+    ``lines``: the cycle of the sequence, with these lines instead of those of the sequence. ``applied``: names of the
+    stimuli of a declared model that are applied, each in recordings of its own; all of them by default.
     """
 
     kind: Annotated[str, OneOf(KINDS)] = "ankle_torque"
@@ -183,13 +184,15 @@ class StimulusSection(Section):
     discard: int = Field(default=1, ge=0, le=100_000)
     convention: Literal["peak", "peak_to_peak"] = "peak"
     lines: LinesSection = LinesSection()
+    applied: Annotated[tuple[str, ...], Field(max_length=100)] = ()
 
     @model_serializer(mode="wrap")
     def _without_lines(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """A study of the sequence has the design and the fingerprint that it had before there were lines."""
         plain: dict[str, Any] = dump(self)
-        if self.lines == LinesSection():
-            plain.pop("lines", None)
+        for name, default in (("lines", LinesSection()), ("applied", ())):
+            if getattr(self, name) == default:
+                plain.pop(name, None)
         return plain
 
 

@@ -10,6 +10,7 @@ from mcstudy.models.catalogue import DECLARED
 from mcstudy.models.record import table_of
 from mcstudy.stance.body import PASSIVE, SINGLE, Body, one_segment, two_segment
 from mcstudy.stance.feedback import Model, Parameter
+from mcstudy.stance.joint import under_some
 from mcstudy.stance.provenance import BODY, OWN_VALUES, REPLACED, WEIGHT, own_values, stand_in
 from mcstudy.stance.truths import TRUTHS, named
 from mcstudy.study.group import BoundsSection, Group, ModelSection
@@ -24,7 +25,9 @@ def build_model(group: Group) -> Model:
     """
     section = group.model
     if section.declared:
-        return _declared(section)
+        return _applied(_declared(section), group.stimulus.applied)
+    if group.stimulus.applied:
+        raise DesignError(f"stimulus.applied: expected a declared model with several stimuli, got {section.kind}")
     body_fields = [f.name for f in fields(Body)]
     for name in section.body:
         if name not in body_fields:
@@ -68,6 +71,16 @@ def _declared(section: ModelSection) -> Model:
         raise DesignError(f"model.{error}") from None
 
 
+def _applied(model: Model, names: tuple[str, ...]) -> Model:
+    """The model under some of its stimuli; all by default."""
+    for name in names:
+        if name not in model.stimulus_names or not model.blocks:
+            raise DesignError(f"stimulus.applied: expected one of {', '.join(model.stimulus_names)}, got {name!r}")
+    if len(set(names)) < len(names):
+        raise DesignError(f"stimulus.applied: expected every stimulus once, got {', '.join(names)}")
+    return under_some(model, [model.stimulus_names.index(name) for name in names]) if names else model
+
+
 def _check_names(section: ModelSection, known: Sequence[str]) -> None:
     for field, names in (("truth", section.truth), ("bounds.absolute", section.bounds.absolute)):
         for name in names:
@@ -102,9 +115,10 @@ def earlier_provenance(group: Group) -> str:
 
 def with_model_values(group: Group) -> Group:
     """The group with all true values and body constants written out, so that new defaults do not change a study."""
-    model = build_model(group)
     if group.model.declared:
-        return group.model_copy(update={"model": ModelSection(kind=DECLARED, **table_of(model))})
+        declared = _declared(group.model)
+        return group.model_copy(update={"model": ModelSection(kind=DECLARED, **table_of(declared))})
+    model = build_model(group)
     truth = {p.name: p.value for p in model.parameters}
     section = group.model.model_copy(update={"truth": truth, "body": asdict(Body(**group.model.body))})
     return group.model_copy(update={"model": section})

@@ -106,3 +106,14 @@ def test_stimuli_are_written_back_and_wrong_ones_are_one_line() -> None:
     ):
         with pytest.raises(DesignError, match=expected):
             parse_study(text)
+
+
+def test_a_group_applies_some_of_the_stimuli() -> None:
+    both, pull = (
+        experiment(TWO),
+        experiment(TWO.replace("amplitude = [2.0]", 'amplitude = [2.0]\nstimulus.applied = ["pull"]')),
+    )
+    assert pull.model.stimulus_names == ("pull",)
+    np.testing.assert_array_equal(pull.true_frf, both.true_frf[1::2])
+    with pytest.raises(DesignError, match=r"stimulus\.applied: expected one of push, pull, got 'tilt'"):
+        parse_study(TWO.replace("[group.one]", '[group.one]\nstimulus.applied = ["tilt"]'))

@@ -9,6 +9,7 @@ from scipy.signal import freqs
 from mcstudy.models.catalogue import read_model
 from mcstudy.models.check import check_stability
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import members
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
 
@@ -18,7 +19,7 @@ def model(name: str) -> Model:
 
 
 def responses(name: str, hz: object) -> np.ndarray:
-    m = model(name)
+    m = members(model(name))[0]
     return frf(m, m.truth, np.asarray(hz, dtype=float))
 
 

@@ -23,7 +23,7 @@ def sketch(model: Model) -> str:
     loop = Loop.of(model)
     out = []
     for row in loop.rows(model):
-        drives = " + ".join(_drive(t) for t in loop.drives if t.row == row)
+        drives = " + ".join(_drive(t, loop) for t in loop.drives if t.row == row)
         joint = model.angles[model.rows[::-1].index(row)]
         out.append(f"{row}: {drives or '0'} -> (+) -> body -> {joint}")
         for p in (p for p in loop.paths if p.row == row):
@@ -60,7 +60,7 @@ def diagram(model: Model, title: str, described_by: str) -> str:
         lines.append(_arrow(f"M{x + 9} {y}H{_BODY[0]}"))
         boxes.append(_circle(x, y) + _words(x + 5, y + 22, "−", "start"))
         boxes.append(_words(sums[rows[0]][0] + 24, y - 6, f"{row} torque", "start"))
-        if drive := " + ".join(_drive(t) for t in loop.drives if t.row == row):
+        if drive := " + ".join(_drive(t, loop) for t in loop.drives if t.row == row):
             start, low = (20, 5) if drive == "u" else (86, 5)
             if len(drive) > _SHORT or start > x - 20:
                 start, low = 4, -20
@@ -106,9 +106,10 @@ def diagram(model: Model, title: str, described_by: str) -> str:
     )
 
 
-def _drive(term: Term) -> str:
+def _drive(term: Term, loop: Loop) -> str:
+    stimulus = " ".join(filter(None, split(loop.stimuli[term.stimulus])))
     late = "".join(f" delayed {name}" for name in term.all_delays)
-    return f"{written(term)} u{late}".strip()
+    return f"{written(term)} {stimulus}{late}".strip()
 
 
 def _written(term: Term) -> str:

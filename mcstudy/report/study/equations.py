@@ -25,7 +25,9 @@ def _balance(loop: Loop, row: str) -> str:
         f"<mo>(</mo>{_sum(_factor(t) for t in body if t.sense == sense)}<mo>)</mo>" + _signal(sense)
         for sense in dict.fromkeys(t.sense for t in body)
     ]
-    drives = _sum(_factor(t, "") + _delay(t.all_delays) + _symbol("u") for t in loop.drives if t.row == row)
+    drives = _sum(
+        _factor(t, "") + _delay(t.all_delays) + _symbol(loop.stimuli[t.stimulus]) for t in loop.drives if t.row == row
+    )
     feedback = "".join(f"<mo>−</mo>{_path(p)}" for p in loop.paths if p.row == row)
     zero = "<mn>0</mn>"
     return f"{'<mo>+</mo>'.join(left) or zero}<mo>=</mo>{drives}{feedback}"

@@ -29,6 +29,8 @@ def model_html(context: Context) -> Markup:
     if declared:
         measured = zip(model.output_names[: model.n_angles], model.output_units, strict=False)
         angles = f"measured {'is' if model.n_angles == 1 else 'are'} {' and '.join(f'{n} in {u}' for n, u in measured)}"
+        if len(model.blocks) > 1:
+            stimulus = "each stimulus: " + ", ".join(f"{b.name} in {with_units(b.unit)}" for b in model.blocks)
         units = "times are in s, units of the parameters are those of the table"
     else:
         stimulus, units = KINDS[view.group.stimulus.kind].description, "units are N·m, kg, m, rad and s"

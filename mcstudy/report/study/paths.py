@@ -41,11 +41,13 @@ class Loop:
     """A model in parts.
 
     ``body``: terms without gain, delay, filter and noise. ``drives``: what the stimulus does outside the ``paths``.
+    ``stimuli``: symbols of the stimuli, ``u`` or, of several, ``u`` with their names.
     """
 
     body: tuple[Term, ...]
     paths: tuple[Path, ...]
     drives: tuple[Term, ...]
+    stimuli: tuple[str, ...]
 
     @classmethod
     def of(cls, model: Model) -> Loop:
@@ -60,7 +62,10 @@ class Loop:
                 body.append(t)
         paths = [_with_tilt(Path(*key, tuple(terms)), drives) for key, terms in found.items()]
         paths.sort(key=lambda p: (p.noisy, -model.rows.index(p.row), p.sense))
-        return cls(tuple(body), tuple(paths), tuple(drives))
+        names = model.stimulus_names
+        return cls(
+            tuple(body), tuple(paths), tuple(drives), tuple(f"u{n}" for n in names) if len(names) > 1 else ("u",)
+        )
 
     def rows(self, model: Model) -> list[str]:
         """The joints that have a balance, the lowest first."""

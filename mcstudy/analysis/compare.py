@@ -239,8 +239,8 @@ def _shares(cells: xr.Dataset, paired: bool) -> xr.Dataset:
 
 
 def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset, paired: bool) -> xr.Dataset | None:
-    """FRFs at the common frequencies up to each Fmax; None for cubes without FRFs."""
-    if "frf" not in reference.cube or "frf" not in other.cube:
+    """FRFs at the common frequencies up to each Fmax; None for cubes without FRFs, and for those of several stimuli."""
+    if any("frf" not in view.cube or len(view.model.stimulus_names) > 1 for view in (reference, other)):
         return None
     data = [view.cube[["frf", "true_frf"]].reset_coords(drop=True) for view in (reference, other)]
     pair = _side_by_side(data, paired).sel(amplitude=cells["amplitude"])

@@ -34,6 +34,7 @@ from mcstudy.fitting.pseudo_data import folded
 from mcstudy.fitting.solvers import Options, fit_many
 from mcstudy.fitting.starts import sobol, uniform
 from mcstudy.stance.feedback import Model, Table
+from mcstudy.stance.joint import members
 from mcstudy.stance.response import output_matrices, sensed_stimulus
 
 STOP = np.nan
@@ -77,7 +78,7 @@ class LinearModel:
     def of(cls, model: Model, f: np.ndarray) -> LinearModel:
         """Prepare ``model`` for frequencies ``f`` in Hz, (N,); raises `ModelError` when a gain enters nonlinearly."""
         table, R = model.table, model.n_rows
-        _require_linear(model)
+        require_linear(model)
         s = 2j * np.pi * np.asarray(f, dtype=float)
         filters = _constant_filters(table, s)
         fixed = np.zeros((s.size, R, R + 1), dtype=complex)
@@ -220,9 +221,10 @@ def _constant_filters(table: Table, s: np.ndarray) -> np.ndarray:
     return sides[:, 0] / sides[:, 1]
 
 
-def _require_linear(model: Model) -> None:
+def require_linear(model: Model) -> None:
+    """Raise `ModelError` for a model whose gains and delays do not enter as these starts need."""
     if model.outputs:
-        C, _ = output_matrices(model, np.array([1j]))
+        C, _ = output_matrices(members(model)[0], np.array([1j]))
         if np.linalg.matrix_rank(C[0]) < model.n_rows:
             raise ModelError(
                 f"model {model.name}: linearised starts need outputs that tell all of {', '.join(model.angles)}, got "

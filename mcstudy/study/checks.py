@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.errors import DesignError, InputError
+from mcstudy.errors import DesignError, InputError, ModelError
 from mcstudy.files.untrusted import LARGEST_CHUNK
 from mcstudy.models.check import check_response
 from mcstudy.models.record import ModelTable
@@ -178,6 +178,13 @@ def _check_fit(group: Group, model: Model) -> None:
             f"fit.starts: expected another kind for starts = {UNTIL_CERTAIN!r}, because Latin hypercube starts depend "
             "on their number, got 'latin_hypercube'"
         )
+    if group.fit.starts == "linearised":
+        from mcstudy.fitting.linearised import require_linear  # other studies need no SciPy to be read
+
+        try:
+            require_linear(model)
+        except ModelError as error:
+            raise DesignError(f"fit.starts: {error}") from None
     if group.spectra.covariance == "through_loop" and (group.fit.cost != "ml" or group.simulator != "spectral"):
         raise DesignError(
             "spectra.covariance: expected 'even_lines' unless fit.cost = 'ml' and simulator = 'spectral', "

@@ -144,6 +144,7 @@ def test_a_cube_of_invented_numbers_is_sound_and_complete(tmp_path: Path) -> Non
 def test_every_part_of_the_suite_has_a_name() -> None:
     names = {"speedup", "kernel", "framework", "starts", "study", "plan", "workers", "limits", "growth", "diagnosis"}
     names |= {"latency", "show", "paper_solver", "wheel", "scale", "profiles", "kernel_sizes", "basin_hopping"}
+    names |= {"stability"}
     assert names == set(BENCHMARKS)
 
 

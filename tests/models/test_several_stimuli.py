@@ -117,3 +117,11 @@ def test_a_group_applies_some_of_the_stimuli() -> None:
     np.testing.assert_array_equal(pull.true_frf, both.true_frf[1::2])
     with pytest.raises(DesignError, match=r"stimulus\.applied: expected one of push, pull, got 'tilt'"):
         parse_study(TWO.replace("[group.one]", '[group.one]\nstimulus.applied = ["tilt"]'))
+
+
+def test_linearised_starts_that_a_model_cannot_have_are_refused_before_a_study_begins() -> None:
+    hidden = TWO.replace("[group.one]", '[group.one]\nfit.starts = "linearised"').replace(
+        "parameter = [", 'output = [{ name = "hand", value = "shoulder + 0.5*elbow" }]\nparameter = ['
+    )
+    with pytest.raises(DesignError, match=r"fit\.starts: .* need outputs that tell all of shoulder, elbow, got hand"):
+        parse_study(hidden)

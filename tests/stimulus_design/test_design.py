@@ -117,7 +117,7 @@ def test_every_kind_of_stimulus_can_be_designed(kind: str) -> None:
         ({"design": {"criterion": "c"}}, "design.parameter: expected a parameter for criterion 'c'"),
         ({"design": {"criterion": "c", "parameter": "K99"}}, "design.parameter: expected one of K11"),
         ({"design": {"keep": 1.0}}, "design.keep: expected less than 1"),
-        ({"noise": {"psd": [0.0, 0.0]}}, "noise.psd: expected noise on both angles"),
+        ({"noise": {"psd": [0.0, 0.0]}}, "noise.psd: expected noise on all outputs"),
         ({"design": {"waveform_rate_hz": 12.0}}, "design.waveform_rate_hz: expected more than twice design.fmax"),
         ({"verify": {"fmax": [9.0]}}, "verify.fmax: expected at most design.fmax"),
         ({"model": {"truth": {"Kpas1": 0.0}, "bounds": {"absolute": {"Kpas1": [0.0, 10.0]}}}}, "model.truth.Kpas1"),

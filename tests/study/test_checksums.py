@@ -22,7 +22,7 @@ from mcstudy.files.durable import log_folder, tree_digest
 from mcstudy.fitting.status import Status
 from mcstudy.report.page import page
 from mcstudy.report.study.context import Context
-from mcstudy.report.study.tables import headline
+from mcstudy.report.study.tables import introduction
 from mcstudy.study.cube import checksums
 from mcstudy.study.cube.checked_store import CheckedStore
 from mcstudy.study.cube.store import Cube
@@ -266,7 +266,7 @@ def test_the_fits_of_a_chunk_that_was_not_run_are_pending_in_every_table(copy: P
     line = "Not complete: 4 of 8 fits of group noisy are pending; all numbers are from the fits that have been run."
     assert line in show(copy).text()
     assert json.loads(show(copy).json())["groups"]["noisy"]["fits"]["pending"] == 4
-    assert line in headline(Context(open_results(copy)))
+    assert line in introduction(Context(open_results(copy)))
 
 
 def test_no_table_of_a_complete_cube_speaks_of_pending_fits(sound: Path) -> None:

@@ -57,8 +57,8 @@ def diagnose(
         Base model: a `Model`, a name or the file of one; the two-segment model of the recording's body when None. The
         outputs of a declared model are found in the recording by name. None under several stimuli.
     fmax
-        Highest frequency used, Hz. None for 8, or the last of a published response; for a declared model what the
-        sampling rate reaches.
+        Highest frequency used, Hz. None for 8, or the last of a published response; for a declared model a quarter
+        of its sampling rate.
     discard
         Transient cycles left out at the start of every trial; None for one, or as many as the slowest oscillation of
         the fitted body needs to decay, at most half of a trial.
@@ -181,8 +181,8 @@ def fit(
         declared model are found in the recording by name, and its parameters have its bounds. None under several
         stimuli.
     fmax
-        Highest frequency used, Hz. None for 8, or the last of a published response; for a declared model what the
-        sampling rate reaches.
+        Highest frequency used, Hz. None for 8, or the last of a published response; for a declared model a quarter
+        of its sampling rate.
     discard
         Transient cycles left out at the start of every trial; None for one, or as many as the slowest oscillation of
         the fitted body needs to decay, at most half of a trial.

@@ -31,8 +31,8 @@ def add_recording_arguments(parser: Parser, nargs: str = "+") -> None:
         "--fmax",
         type=float,
         metavar="HZ",
-        help="highest frequency used (default 8, or the last of a published response; of a declared model what the "
-        "sampling rate reaches)",
+        help="highest frequency used (default 8, or the last of a published response; of a declared model a "
+        "quarter of its sampling rate)",
     )
     parser.add_argument(
         "--discard",

@@ -31,6 +31,10 @@ checked at all of them, because inertia determines the responses above 2 Hz."""
 SAMPLES_PER_PERIOD = 2.5
 """Of the highest frequency up to which lines are measured if fewer are wanted."""
 
+SAMPLES_OF_DECLARED = 4.0
+"""The same of the highest frequency that is used of a declared model unless another is wanted. Nearer to half the rate
+a record depends on what happens between its samples, and the right model is not the whole of it."""
+
 LEAST_NOISE = 1e-5
 """Smallest plausible standard error of a response relative to its magnitude, median over lines; the resolution of
 a 20-bit sensor gives more."""
@@ -42,14 +46,14 @@ LEAST_NOISE_OF_A_LINE = 1e-8
 def highest(recording: Recording | FrfRecording | JointRecording, fmax: float | None) -> float:
     """The highest frequency used, Hz: ``fmax``, or when None `FMAX_HZ`, or the last of a published response.
 
-    Of a declared model, whose frequencies may be any, what the sampling rate reaches (`SAMPLES_PER_PERIOD`).
+    Of a declared model, whose frequencies may be any, a quarter of the sampling rate (`SAMPLES_OF_DECLARED`).
     """
     if fmax is not None:
         return fmax
     if isinstance(recording, FrfRecording):
         return float(recording.f[-1])
     if isinstance(recording, Recording) and recording.model is not None:
-        return recording.rate_hz / SAMPLES_PER_PERIOD
+        return recording.rate_hz / SAMPLES_OF_DECLARED
     return FMAX_HZ
 
 

@@ -6,7 +6,7 @@ first converted to plain numbers, lists and tables. Both forms accept the same v
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
@@ -43,6 +43,15 @@ class Section(BaseModel, metaclass=_FromPython):
     def from_python(cls, **fields: Any) -> Any:
         """What ``Section(...)`` returns."""
         return validated(cls, fields, whole=cls.__name__)
+
+
+def without_defaults(section: Section, plain: dict[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """The ``plain`` form of a section without those of ``names`` that have their default.
+
+    A key that is new is named here, so that it changes no design and no fingerprint where it is not used.
+    """
+    fields = type(section).model_fields
+    return {n: value for n, value in plain.items() if n not in names or getattr(section, n) != fields[n].default}
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:

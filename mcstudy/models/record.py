@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, Stri
 
 from mcstudy.errors import DesignError, InputError, ModelError
 from mcstudy.expressions import Expression, expression, shortened
-from mcstudy.files.sections import Section
+from mcstudy.files.sections import Section, without_defaults
 from mcstudy.models.quantities import expression as quantity_of
 from mcstudy.models.quantities import require_finite
 from mcstudy.stance.body import DELAY_MARGIN
@@ -33,6 +33,7 @@ from mcstudy.stance.feedback import (
     OutputTerm,
     Parameter,
     Term,
+    any_unit,
 )
 from mcstudy.stance.polynomials import pieces, written
 from mcstudy.text_tables import similar
@@ -65,8 +66,7 @@ class Short(Section):
 
     @model_serializer(mode="wrap")
     def _short(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields = type(self).model_fields
-        return {name: value for name, value in dump(self).items() if getattr(self, name) != fields[name].default}
+        return without_defaults(self, dump(self), type(self).model_fields)
 
 
 class ParameterTable(Short):
@@ -208,7 +208,7 @@ class ModelTable(Short):
                 measured if any(measured) else (),
                 rows,
                 angles,
-                " or ".join(dict.fromkeys(s.unit for s in self.stimulus)) or self.stimulus_unit,
+                any_unit(s.unit for s in self.stimulus) or self.stimulus_unit,
                 self.provenance,
                 tuple(Block(s.unit, None, s.name) for s in self.stimulus),
                 self.unit,
@@ -300,9 +300,10 @@ class ModelTable(Short):
         sense = self._sense(t.sense or joint, joints, f"{where}.sense")
         coefficient = number(t.coefficient, known, f"{where}.coefficient")
         delay, late = (*t.delay, None, None)[:2]
-        stimulus = self.stimuli.index(sense) if sense in self.stimuli else 0
-        heard = "stimulus" if sense in self.stimuli else sense
-        return Term(joint, heard, t.gain, t.order, delay, t.filter, coefficient, t.noisy, stimulus, late)
+        stimulus = 0
+        if sense in self.stimuli:
+            sense, stimulus = "stimulus", self.stimuli.index(sense)
+        return Term(joint, sense, t.gain, t.order, delay, t.filter, coefficient, t.noisy, stimulus, late)
 
     def _sense(self, sense: str, joints: Mapping[str, str], where: str) -> str:
         """What a term senses, by the names of angles; joints stand for their angles."""
@@ -334,7 +335,7 @@ class ModelTable(Short):
             raise DesignError("parameter: missing, expected at least one table [[model.parameter]]")
         for k, name in enumerate(self.stimuli):
             if not any(t.sense == "stimulus" and t.stimulus == k for t in terms):
-                raise DesignError(f"term: expected one that senses the {name.removeprefix('the ')}, got none")
+                raise DesignError(f"term: expected one that senses the {name}, got none")
         for joint in self.joints:
             if not any(t.row == joint for t in terms):
                 raise DesignError(f"joints: expected terms in the balance of every joint, got none for {joint}")

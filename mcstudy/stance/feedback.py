@@ -271,6 +271,11 @@ class Block:
     name: str = ""
 
 
+def any_unit(units: Iterable[str]) -> str:
+    """Units of several stimuli in one text, ``"N m or rad"``; empty for none."""
+    return " or ".join(dict.fromkeys(units))
+
+
 @dataclass(frozen=True)
 class Model:
     """A closed loop as a table: the sum of the terms of each row is zero.

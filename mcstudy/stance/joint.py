@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from mcstudy.errors import ModelError
 from mcstudy.stance.body import STIMULI, WEIGHTS, Body, stimulus_terms
-from mcstudy.stance.feedback import Block, Filter, Model, Output, OutputTerm, Parameter, Term
+from mcstudy.stance.feedback import Block, Filter, Model, Output, OutputTerm, Parameter, Term, any_unit
 
 T = TypeVar("T", Term, OutputTerm)
 
@@ -69,7 +69,7 @@ def under_some(model: Model, stimuli: Sequence[int]) -> Model:
         model,
         terms=heard(model.terms),
         outputs=tuple(replace(o, terms=heard(o.terms)) for o in model.outputs),
-        stimulus_unit=" or ".join(dict.fromkeys(b.unit for b in blocks)),
+        stimulus_unit=any_unit(b.unit for b in blocks),
         blocks=blocks,
     )
 

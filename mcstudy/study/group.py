@@ -26,7 +26,7 @@ from pydantic import (
 from pydantic_core import core_schema
 
 from mcstudy.errors import InputError
-from mcstudy.files.sections import Name, Section
+from mcstudy.files.sections import Name, Section, without_defaults
 from mcstudy.fitting.solvers import Options, solvers
 from mcstudy.models.catalogue import DECLARED
 from mcstudy.models.record import ModelTable
@@ -189,11 +189,7 @@ class StimulusSection(Section):
     @model_serializer(mode="wrap")
     def _without_lines(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """A study of the sequence has the design and the fingerprint that it had before there were lines."""
-        plain: dict[str, Any] = dump(self)
-        for name, default in (("lines", LinesSection()), ("applied", ())):
-            if getattr(self, name) == default:
-                plain.pop(name, None)
-        return plain
+        return without_defaults(self, dump(self), ("lines", "applied"))
 
 
 def _listed(given: Any) -> Any:
@@ -310,11 +306,9 @@ class NoiseSection(Section):
     @model_serializer(mode="wrap")
     def _one_form_in_a_file(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """A study without a table has the design and the fingerprint that it had before there were tables."""
-        plain: dict[str, Any] = dump(self)
+        plain = without_defaults(self, dump(self), ("measurement",))
         for name in ("psd", "corner_hz") if self.tabulated else ("table",):
             plain.pop(name, None)
-        if self.measurement == MeasurementSection():
-            plain.pop("measurement", None)
         return plain
 
     @property
@@ -362,10 +356,7 @@ class SpectraSection(Section):
     @model_serializer(mode="wrap")
     def _without_highest(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """A study of up to 8 Hz has the design and the fingerprint that it had before there were others."""
-        plain: dict[str, Any] = dump(self)
-        if self.highest_hz == HIGHEST_HZ:
-            plain.pop("highest_hz", None)
-        return plain
+        return without_defaults(self, dump(self), ("highest_hz",))
 
 
 def with_settings(section: type[S]) -> type[S]:
@@ -471,9 +462,7 @@ class Group(Section):
     @model_serializer(mode="wrap")
     def _as_in_a_file(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """What is not used has no place in the design, so that its fingerprint is that of older studies without it."""
-        plain: dict[str, Any] = dump(self)
-        if self.store == StoreSection():
-            plain.pop("store", None)
+        plain = without_defaults(self, dump(self), ("store",))
         if self.model.declared:  # its terms say what the stimulus moves
             plain["stimulus"].pop("kind", None)
         if self.until_certain:

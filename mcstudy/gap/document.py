@@ -60,8 +60,7 @@ def document(d: DiagnosisRecord) -> dict[str, Any]:
             "bands": _bands(tested.bands),
             "z_map": {
                 "f": d.f,
-                "theta1": np.abs(tested.z[:, 0]),
-                "theta2": np.abs(tested.z[:, 1]),
+                **dict(zip(d.base.model.output_names, np.abs(tested.z).T, strict=True)),
                 "limit": tested.z_limit,
             },
             "contrasts": [_contrast(c) for c in d.contrasts],

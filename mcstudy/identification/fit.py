@@ -98,7 +98,7 @@ class _BestFit:
 
 def _searched(lines: Lines, nominal: Model, settings: FitSettings, name: str) -> _BestFit:
     model = bounded(apply(nominal, *settings.effects), nominal, settings.bounds or {})
-    numbers = 2 * (lines.noise.measured or lines.y.shape[1])  # of one line
+    numbers = 2 * lines.y.shape[1]  # of one line
     if numbers * len(lines) <= len(model.parameters):
         raise RecordingError(
             f"{name}: expected more than {len(model.parameters) // numbers} {lines.unit}s, got {len(lines)}"

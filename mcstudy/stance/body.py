@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 
 from mcstudy.errors import ModelError
 from mcstudy.stance import anthropometry
-from mcstudy.stance.feedback import ANGLES, NO_ANGLE, NO_ROW, ROWS, Derived, Model, Parameter, Term
+from mcstudy.stance.feedback import ANGLES, ROWS, Derived, Model, Parameter, Term
 from mcstudy.stance.provenance import BODY, stand_in
 from mcstudy.stance.ranges import Range, within
 
@@ -289,7 +289,7 @@ def tilt_of(model: Model) -> str | None:
 
 def standing(model: Model) -> bool:
     """Whether a model is of the standing body: its balances and angles have the names of that body's."""
-    return set(model.rows) <= {*ROWS, NO_ROW} and set(model.angles) <= {*ANGLES, NO_ANGLE}
+    return set(model.rows) <= set(ROWS) and set(model.angles) <= set(ANGLES)
 
 
 def _gain(name: str, unit: str, value: float, meaning: str) -> Parameter:
@@ -402,10 +402,13 @@ def _model(
     """Inertia and gravity, feedback and stimulus as one table; a tilt adds its weight to the parameters."""
     tilted = stimulus in WEIGHTS
     replaced, weights = [BODY] if body != Body() else [], [WEIGHTS[stimulus].name] if tilted else []
+    joints = 1 + any(t.row == ROWS[0] for t in inertia)
     return Model(
         name,
         (*parameters, WEIGHTS[stimulus]) if tilted else parameters,
         (*inertia, *feedback, *stimulus_terms(stimulus, body, feedback)),
+        rows=ROWS[-joints:],
+        angles=ANGLES[:joints],
         stimulus_unit=STIMULI[stimulus],
         provenance=stand_in(PASSIVE[name], replaced, weights),
         derived=tuple(Derived(f"{active} + {passive}", "N m/rad") for active, passive in STIFFNESSES[name]),

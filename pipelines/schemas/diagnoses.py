@@ -165,7 +165,7 @@ class ResidualMap(TypedDict):
 
     f: list[float]
     theta1: list[float]
-    theta2: list[float]
+    theta2: NotRequired[list[float]]
     limit: float
 
 

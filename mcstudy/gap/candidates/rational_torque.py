@@ -107,9 +107,8 @@ class Path:
 
 def paths(model: Model) -> tuple[Path, ...]:
     """Every row with either angle and, in a model with one stimulus, with the stimulus."""
-    n = model.n_rows - model.padded
-    senses = (*model.angles[:n], *(() if model.blocks else ("stimulus",)))
-    return tuple(Path(r, x, _linear(model, r, x)) for r, x in product(model.rows[2 - n :], senses))
+    senses = (*model.angles, *(() if model.blocks else ("stimulus",)))
+    return tuple(Path(r, x, _linear(model, r, x)) for r, x in product(model.rows, senses))
 
 
 def _linear(model: Model, row: str, sense: str) -> tuple[str, ...]:
@@ -238,7 +237,7 @@ def next_starts(
         if poles + more > MOST_POLES or (more == 1 and poles % 2):
             continue
         tried, basis = _fractions(data.f.tobytes(), more)
-        z = (through[:, :, None] * basis[:, None, :]).reshape(2 * data.f.size, -1)
+        z = (through[:, :, None] * basis[:, None, :]).reshape(-1, basis.shape[1])
         columns = np.concatenate([z.real, z.imag])
         left = (columns - Q @ (Q.T @ columns)).T.reshape(len(tried), more, -1)
         gram = np.einsum("tid,tjd->tij", left, left) + np.eye(more)

@@ -182,7 +182,7 @@ def detect(
         (1 + int((null_chi2 >= chi2).sum())) / (1 + draws),
         z[..., 0],
         float(np.quantile(np.abs(null_z).max(axis=(0, 1)), 0.95)),
-        bands(lines.f, fitted.model.output_names[: fitted.model.n_angles], z[..., 0], null_z),
+        bands(lines.f, fitted.model.output_names, z[..., 0], null_z),
         draws,
         nulls,
         null_chi2,

@@ -99,7 +99,7 @@ def nearest(base: Fitted, causes: Sequence[Cause], data: Data, lines: Lines, see
     fitted = cause.fitted
     null = linear_null(fitted, data, lines.noise.draw(stream(seed, "gap nearest null"), DRAWS))
     z = standardised(fitted, data, fitted.residual(data)[:, None])[..., 0]
-    where = bands(data.f, fitted.model.output_names[: fitted.model.n_angles], z, standardised(fitted, data, null))
+    where = bands(data.f, fitted.model.output_names, z, standardised(fitted, data, null))
     power = lines.power / len(lines.parts)  # the torque is that of an average recording
     left = remaining_torque(fitted, data, power, stream(seed, "gap remaining torque"))
     return Nearest(cause, fitted.chi2, where, left)

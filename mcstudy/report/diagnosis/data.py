@@ -13,7 +13,6 @@ from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.detection import standardised
 from mcstudy.gap.verdict import added_name
-from mcstudy.recordings.frf import FrfRecording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
 
@@ -75,9 +74,7 @@ class GapData:
     @property
     def angles(self) -> list[str]:
         """Names of the measured angles."""
-        recording = self.diagnosis.recording
-        n = 1 if isinstance(recording, FrfRecording) and recording.single else 2
-        return ["θ1", "θ2"][:n]
+        return [name.replace("theta", "θ") for name in self.model.output_names]
 
     def before(self, f: np.ndarray) -> np.ndarray:
         """FRFs of the model without effects, (N, 2) complex, rad per unit of the stimulus."""

@@ -7,7 +7,7 @@ files. A chunk holds one amplitude x all Fmax x a few realizations x all starts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -221,6 +221,24 @@ def layout(
     _add_results(add, group, model)
     results = tuple(name for name, spec in arrays.items() if spec.values is None)
     return Layout(group, depth, arrays, results)
+
+
+EMPTY = "none"
+"""Second angle of a model of one joint in cubes of earlier versions; it has no response, and nothing reads it."""
+
+
+def with_empty_angle(given: Layout) -> Layout:
+    """The arrays of a model of one joint as earlier versions stored them, with the angle `EMPTY` beside its own."""
+    arrays = {}
+    for name, spec in given.arrays.items():
+        more = tuple(int(dim in ("angle", "angle_2")) for dim in spec.dims)
+        shape, chunks = (tuple(np.add(size, more).tolist()) for size in (spec.shape, spec.chunks))
+        values = spec.values
+        if values is not None and any(more):
+            padding = EMPTY if spec.dtype == "string" else 0.0
+            values = np.pad(values, [(0, n) for n in more], constant_values=padding)
+        arrays[name] = replace(spec, shape=shape, chunks=chunks, values=values)
+    return replace(given, arrays=arrays)
 
 
 def _response_unit(model: Model) -> str:

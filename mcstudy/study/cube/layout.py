@@ -16,7 +16,7 @@ from mcstudy.fitting.certainty import certain
 from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import USABLE, Status
-from mcstudy.stance.feedback import Model
+from mcstudy.stance.feedback import ANGLES, Model
 from mcstudy.study.group import Group
 
 CHUNKS_A_GROUP = 400
@@ -223,20 +223,16 @@ def layout(
     return Layout(group, depth, arrays, results)
 
 
-EMPTY = "none"
-"""Second angle of a model of one joint in cubes of earlier versions; it has no response, and nothing reads it."""
-
-
 def with_empty_angle(given: Layout) -> Layout:
-    """The arrays of a model of one joint as earlier versions stored them, with the angle `EMPTY` beside its own."""
-    arrays = {}
+    """The arrays of a model of one joint as earlier versions stored them: with a second angle, without response."""
+    arrays, empty = {}, "none" if given.group.model.declared else ANGLES[1]
     for name, spec in given.arrays.items():
         more = tuple(int(dim in ("angle", "angle_2")) for dim in spec.dims)
         shape, chunks = (tuple(np.add(size, more).tolist()) for size in (spec.shape, spec.chunks))
         values = spec.values
         if values is not None and any(more):
-            padding = EMPTY if spec.dtype == "string" else 0.0
-            values = np.pad(values, [(0, n) for n in more], constant_values=padding)
+            nothing = empty if spec.dtype == "string" else 0.0
+            values = np.pad(values, [(0, n) for n in more], constant_values=nothing)
         arrays[name] = replace(spec, shape=shape, chunks=chunks, values=values)
     return replace(given, arrays=arrays)
 

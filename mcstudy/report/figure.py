@@ -81,7 +81,7 @@ class Missing:
 
     title: str
     reason: str
-    key: str = ""
+    key: str
 
 
 WIDE = 6.0

@@ -17,7 +17,9 @@ from tests.helpers.commands import refused, told
 def test_figures_are_listed_by_name_and_why_others_cannot_be_drawn(tiny_cube: Path) -> None:
     shown = told("figure", tiny_cube)
     assert "estimates" in shown
-    assert "not drawn: controller_error: the study has no group without noise" in " ".join(shown.split())
+    assert "not drawn: efficiency: in every condition more than 10 % of the fits end on a bound" in " ".join(
+        shown.split()
+    )
 
 
 @pytest.mark.parametrize(("given", "mm"), [("85mm", 85.0), ("8.5cm", 85.0), ("85", 85.0), ("4in", 101.6)])
@@ -41,7 +43,7 @@ def test_the_numbers_of_a_figure_are_those_that_it_plots(tiny_cube: Path, tmp_pa
 
 def test_a_figure_that_a_study_does_not_have_is_refused_with_what_it_has(tiny_cube: Path, tmp_path: Path) -> None:
     assert "(similar: variability)" in refused("figure", tiny_cube, "variabilty", "-o", tmp_path / "v.png")
-    assert "cannot be drawn: " in refused("figure", tiny_cube, "controller_error", "-o", tmp_path / "v.png")
+    assert "cannot be drawn: " in refused("figure", tiny_cube, "efficiency", "-o", tmp_path / "v.png")
     assert "expected a name ending in" in refused("figure", tiny_cube, "bias", "-o", tmp_path / "v.gif")
 
 

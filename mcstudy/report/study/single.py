@@ -33,7 +33,7 @@ def all_figures(path: Any) -> tuple[dict[str, Figure], dict[str, str]]:
     context = Context(open_for_tables(path))
     items = [*main_figures(context), *(item for _, group in group_figures(context) for item in group)]
     drawn = {item.key: item for item in items if isinstance(item, Figure)}
-    return drawn, {item.key or item.title: item.reason for item in items if isinstance(item, Missing)}
+    return drawn, {item.key: item.reason for item in items if isinstance(item, Missing)}
 
 
 def one_figure(path: Any, name: str) -> Figure:

@@ -46,7 +46,7 @@ def test_an_older_cube_is_verified(older: Path) -> None:
     found = verify(older, cells=10)
     assert (found.damage, found.beyond, found.pending, found.recomputed) == ([], [], 0, 4)
     (older / "one" / "angle" / "c.0").unlink()
-    assert len(verify(older, cells=0).damage) == 1
+    assert set(verify(older, cells=0).damage) == {f"{older / 'one' / 'angle' / 'c.0'}: missing"}
 
 
 def test_an_older_cube_is_repaired_and_resumed_in_its_own_form(older: Path) -> None:

@@ -58,9 +58,32 @@ def add_arguments(parser: Parser) -> None:
         help="level of the intervals (default 0.95); estimates under the paper's cost have none, because that cost is "
         "no likelihood",
     )
+    _condition_arguments(parser)
     _group_arguments(parser)
     add_output_arguments(parser, "fit")
     add_page_argument(parser)
+
+
+def _condition_arguments(parser: Parser) -> None:
+    group = parser.add_group(
+        "several conditions",
+        "With one of these options each recording is a condition (as it states, or by the name of its file) of one "
+        "person, and all are fitted at once. -o writes conditions.json and conditions.txt.",
+    )
+    group.add_argument(
+        "--per",
+        nargs="+",
+        metavar=("condition", "NAMES"),
+        help="parameters with a value in each condition, as in `--per condition Wp,Kp`; all others are shared. "
+        "`--per condition` alone: the sensory weights",
+    )
+    group.add_argument(
+        "--shared",
+        metavar="NAMES",
+        help="parameters that all conditions share, as in `--shared Kp,Kd`, or all; without --per all others have a "
+        "value in each condition",
+    )
+    group.add_argument("--details", action="store_true", help="also print all that is said of the fit of one recording")
 
 
 def _group_arguments(parser: Parser) -> None:
@@ -98,22 +121,53 @@ def main(args: argparse.Namespace) -> Exit:
         if args.html:
             raise InputError("--html: expected recordings of one person, not --people or --group")
         return _group(args)
+    if args.per or args.shared:
+        return _conditions(args)
     return _one_person(args)
 
 
 def _settings(args: argparse.Namespace) -> FitSettings:
     from mcstudy.identification.settings import FitSettings
 
-    return FitSettings(
-        effects=args.effects,
-        quantities=args.quantity,
-        bounds=_all_bounds(args.bounds),
-        level=args.level,
-        fmax=args.fmax,
-        discard=args.discard,
-        accept=args.accept,
-        seed=args.seed,
-    )
+    return FitSettings(**_given(args))
+
+
+def _given(args: argparse.Namespace) -> dict[str, Any]:
+    """What both kinds of fit are told."""
+    return {
+        "effects": args.effects,
+        "quantities": args.quantity,
+        "bounds": _all_bounds(args.bounds),
+        "level": args.level,
+        "fmax": args.fmax,
+        "discard": args.discard,
+        "accept": args.accept,
+        "seed": args.seed,
+    }
+
+
+def _conditions(args: argparse.Namespace) -> Exit:
+    from mcstudy.errors import InputError
+    from mcstudy.identification.conditions.fit import fit_conditions, names_of
+    from mcstudy.identification.conditions.settings import ConditionSettings
+    from mcstudy.results.conditions import ConditionsResult
+    from mcstudy.scheduler.activity import activity
+    from mcstudy.scheduler.compiling import PERSON, compile_kernels
+    from mcstudy.text_tables import folded
+
+    _require(args)
+    if args.html:
+        raise InputError("--html: expected a fit of one condition")
+    by, *per = args.per or ["condition"]
+    if by != "condition":
+        raise InputError(f"--per {by}: expected condition, then names of parameters")
+    settings = ConditionSettings(per=",".join(per), shared=args.shared or (), **_given(args))
+    read = read_recordings(args)
+    compile_kernels(PERSON)
+    with activity(f"{len(read)} recordings: fitting"), with_names(args):
+        result = ConditionsResult.of(fit_conditions(read, settings, names_of(read, args.recordings)))
+    tell(args, "conditions", result.to_dict, lambda: folded(result.text(details=args.details)))
+    return Exit.DONE
 
 
 def _group(args: argparse.Namespace) -> Exit:

@@ -238,3 +238,19 @@ def test_the_standing_body_has_a_value_in_each_condition_too() -> None:
     assert weight.unseen_se is not None
     assert weight.unseen > 3 * weight.unseen_se
     assert fit.sharing("Td1").p_value > 0.001
+
+
+def test_people_in_several_conditions_have_means_of_what_differs() -> None:
+    """Five people whose stiffness scatters by 60 N m/rad; the weights are those of everybody."""
+    rng = np.random.default_rng(4)
+    recordings = [
+        replace(r, name=f"{who} {r.name}") for who in "abcde" for r in person(ord(who), Kp=1019.25 + rng.normal(0, 60))
+    ]
+    who, condition = zip(*(r.name.split() for r in recordings), strict=True)
+    group = mc.fit_group(recordings, person=who, condition=condition, per=["Wp"], quantities=["Wp_small - Wp_large"])
+    assert set(group.fits) == {(name, "all") for name in "abcde"}
+    for name, weight in WEIGHTS.items():
+        assert group[f"Wp_{name}", "all"].mean == pytest.approx(weight, abs=0.02)
+    change = group["Wp_small - Wp_large", "all"]
+    assert change.low < 0.4 < change.high
+    assert 30 < group["Kp", "all"].between < 150

@@ -20,6 +20,7 @@ from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.cli.parser import Parser
+    from mcstudy.identification.conditions.settings import ConditionSettings
     from mcstudy.identification.settings import FitSettings
 
 TOPIC = "parameters"
@@ -57,6 +58,11 @@ def add_arguments(parser: Parser) -> None:
         default=0.95,
         help="level of the intervals (default 0.95); estimates under the paper's cost have none, because that cost is "
         "no likelihood",
+    )
+    parser.add_argument(
+        "--conventions",
+        action="store_true",
+        help="also print the estimates that Peterka (2002, 2018) and Assländer (2023) would state",
     )
     _condition_arguments(parser)
     _group_arguments(parser)
@@ -146,10 +152,19 @@ def _given(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def _condition_settings(args: argparse.Namespace) -> ConditionSettings:
+    from mcstudy.errors import InputError
+    from mcstudy.identification.conditions.settings import ConditionSettings
+
+    by, *per = args.per or ["condition"]
+    if by != "condition":
+        raise InputError(f"--per {by}: expected condition, then names of parameters")
+    return ConditionSettings(per=",".join(per), shared=args.shared or (), **_given(args))
+
+
 def _conditions(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.identification.conditions.fit import fit_conditions, names_of
-    from mcstudy.identification.conditions.settings import ConditionSettings
     from mcstudy.results.conditions import ConditionsResult
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
@@ -158,10 +173,7 @@ def _conditions(args: argparse.Namespace) -> Exit:
     _require(args)
     if args.html:
         raise InputError("--html: expected a fit of one condition")
-    by, *per = args.per or ["condition"]
-    if by != "condition":
-        raise InputError(f"--per {by}: expected condition, then names of parameters")
-    settings = ConditionSettings(per=",".join(per), shared=args.shared or (), **_given(args))
+    settings = _condition_settings(args)
     read = read_recordings(args)
     compile_kernels(PERSON)
     with activity(f"{len(read)} recordings: fitting"), with_names(args):
@@ -188,7 +200,7 @@ def _group(args: argparse.Namespace) -> Exit:
     else:
         _require(args)
         known = named([read_recording(path, data=args.data) for path in args.recordings], args.recordings, args.group)
-    settings = _settings(args)
+    settings = _condition_settings(args) if args.per or args.shared else _settings(args)
     options = cluster_options(args)
     if options.here:
         compile_kernels(PERSON)
@@ -228,7 +240,8 @@ def _one_person(args: argparse.Namespace) -> Exit:
         from mcstudy.report.person.page import fit_page
 
         write_page(args.html, lambda: fit_page(result, shown_command(args)))
-    tell(args, "fit", result.to_dict, lambda: folded(result.text()))
+    tables = [result.conventions().text(titled=True)] if args.conventions else []
+    tell(args, "fit", result.to_dict, lambda: folded("\n\n".join([result.text(), *tables])))
     return Exit.DONE
 
 

@@ -16,9 +16,11 @@ from mcstudy.identification.fit import BestFit, searched, with_intervals
 from mcstudy.identification.loop_stability import stability
 from mcstudy.lines.checked_recording import CheckedRecording, pooled
 from mcstudy.lines.settling import settled
+from mcstudy.recordings.columns import of_model
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint_recording import ConditionsRecording, JointRecording
 from mcstudy.recordings.recording import Recording
+from mcstudy.stance.body import standing
 from mcstudy.streams import stream
 
 AnyPart = Recording | FrfRecording
@@ -32,7 +34,10 @@ def fit_conditions(
     ``conditions``: of each recording, see `names_of`. Raises
     `RecordingError` for recordings that cannot be analysed together, `InputError` for a wrong setting.
     """
-    joint = by_condition(recordings, names_of(recordings) if conditions is None else conditions)
+    names = names_of(recordings) if conditions is None else conditions
+    if settings.model is not None and not standing(settings.model):
+        recordings, settings = [of_model(r, settings.model) for r in recordings], replace(settings, model=None)
+    joint = by_condition(recordings, names)
 
     def separate(checked: CheckedRecording) -> tuple[str, ...]:
         return settings.separate(checked.nominal)

@@ -11,6 +11,7 @@ from mcstudy.errors import RecordingError
 from mcstudy.recordings.clock import SAME_RATE, Clock, clock_of
 from mcstudy.recordings.columns import Columns
 from mcstudy.recordings.data_files import Files
+from mcstudy.recordings.displacement import angle_of
 from mcstudy.recordings.faults import angle_faults
 from mcstudy.recordings.formats.source import Picked
 from mcstudy.recordings.markers import MarkerSheet, one_angle, space_angles
@@ -20,7 +21,7 @@ from mcstudy.recordings.resampling import METHOD, filled, resampled, whole_sampl
 from mcstudy.recordings.sheets.body_sheet import Person
 from mcstudy.recordings.sheets.recording_sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
 from mcstudy.recordings.soundness import FILLABLE, without_gaps
-from mcstudy.recordings.sway import angle_of, unwrapped
+from mcstudy.recordings.sway import unwrapped
 from mcstudy.recordings.units import KINDS, agreed, factor, kind_of
 
 SAME_LENGTH = 1.5

@@ -7,15 +7,9 @@ angles, no force but gravity; the ankle at the height of the plate).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.sheets.body_sheet import Person
-
-if TYPE_CHECKING:
-    from mcstudy.recordings.sheets.recording_sheet import Channel
 
 TURN = 2 * np.pi
 
@@ -66,31 +60,6 @@ def of_pressure(cop: np.ndarray, rate_hz: float, ratio: float) -> np.ndarray:
     Solves x - ``ratio`` x'' = cop, with ``ratio`` J/(m g h) in s^2, exactly at all frequencies of the cosines that
     make up the record (velocity zero at both ends); what the ends disturb fades with sqrt(ratio), a third of a second.
     """
-    from scipy.fft import dct, idct
-
-    omega = np.pi * rate_hz * np.arange(cop.size) / cop.size
-    return np.asarray(idct(dct(cop, type=2) / (1 + ratio * omega**2), type=2))
-
-
-def angle_of(
-    x: np.ndarray, name: str, rate_hz: float, channel: Channel, person: Person, where: str
-) -> tuple[np.ndarray, str]:
-    """The angle (n,), rad, that a displacement x (n,), m, under a ``name`` is, and in words how it was made.
-
-    Raises `RecordingError` where a height, or the body that has one, is missing.
-    """
-    constants = person.constants
-    height = channel.height or constants.get("h")
-    if height is None:
-        raise RecordingError(f"{where}.height: expected that of the centre of mass (m), or body with height and weight")
-    words = f"asin(x/h) of {name} about its mean, h = {height:.3f} m above the axis"
-    if channel.of == "cop":
-        if not constants:
-            raise RecordingError(f"{where}.of: cop: expected body with height and weight, whose inertia it depends on")
-        ratio = constants["J"] / constants["mgh"]
-        x = of_pressure(x - x.mean(), rate_hz, ratio)
-        words += (
-            f"; x from the centre of pressure, x - J/(mgh) x'' = x_cop with J/(mgh) = {ratio:.3f} s^2: right for a "
-            "body that sways as one segment with its ankles at the height of the plate"
-        )
-    return tilt(x, height, where), words
+    both = np.concatenate([cop, cop[::-1]])  # even about both ends
+    omega = 2 * np.pi * np.fft.rfftfreq(both.size, 1 / rate_hz)
+    return np.fft.irfft(np.fft.rfft(both) / (1 + ratio * omega**2), both.size)[: cop.size]

@@ -37,6 +37,16 @@ def add_arguments(parser: Parser) -> None:
         metavar="EFFECT",
         help="add a linear effect to the model (`mcstudy gap effects` lists them); may be repeated",
     )
+    averaged = parser.add_alternatives()
+    averaged.add_argument(
+        "--causes",
+        action="store_true",
+        default=None,
+        help="average parameters over the causes of `mcstudy gap diagnose` (default: where there is a gap)",
+    )
+    averaged.add_argument(
+        "--model-as-is", dest="causes", action="store_false", help="only the model without effects, even with a gap"
+    )
     parser.add_argument(
         "--quantity",
         action="append",
@@ -109,6 +119,7 @@ def _settings(args: argparse.Namespace) -> FitSettings:
         quantities=args.quantity,
         bounds=_all_bounds(args.bounds),
         level=args.level,
+        causes=args.causes,
         fmax=args.fmax,
         discard=args.discard,
         accept=args.accept,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mcstudy.errors import InputError, RecordingError
+from mcstudy.errors import RecordingError
 from mcstudy.gap.questions.any_gap import GapTest
 from mcstudy.gap.questions.detection import LEVEL
 from mcstudy.identification.averaged import averaged
@@ -63,13 +63,8 @@ def assessed(fitted: FitRecord, checked: CheckedRecording, base: Model, settings
 
 def _averaged(f: FitRecord, test: GapTest, nominal: Model, settings: FitSettings) -> Averaged | None:
     """Parameters averaged over causes where that is wanted, or by default where there is a gap."""
-    body = standing(nominal)
-    if settings.causes and not body:
-        raise InputError(
-            f"causes: expected the model of a standing body, to which the library belongs, not {nominal.name}"
-        )
     wanted = test.p_value < LEVEL and not settings.effects if settings.causes is None else settings.causes
-    return averaged(test, f, nominal, settings) if wanted and body else None
+    return averaged(test, f, nominal, settings) if wanted else None
 
 
 def _higher(checked: CheckedRecording) -> Lines | None:

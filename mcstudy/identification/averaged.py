@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcstudy.effect_library.library import LIBRARY, shape_parameters
+from mcstudy.effect_library.effect import Effect
+from mcstudy.effect_library.library import library_of
 from mcstudy.fitting.arguments import Prior
 from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.fitting.problem import Data
@@ -101,8 +102,8 @@ def averaged(test: GapTest, fit: FitRecord, nominal: Model, settings: FitSetting
     explanation = explain(test)
     data, wanted = Data.of(fit.lines), _wanted(fit.model, fit, settings)
     draws = simulated(fit.lines.noise, stream(settings.seed, "fit correction"))
-    known = set(LIBRARY)
-    found = sorted((x for x in explanation.hypotheses if set(x[0].effects) <= known), key=lambda x: -x[1])
+    known = library_of(nominal)
+    found = sorted((x for x in explanation.hypotheses if set(x[0].effects) <= known.keys()), key=lambda x: -x[1])
     singles = [h for h, _ in found if len(h.effects) == 1]
     leaders = {
         h.effects for h in sorted((h for h in singles if _changes(h, fit)), key=lambda h: -h.log_evidence)[:LEADERS]
@@ -113,7 +114,8 @@ def averaged(test: GapTest, fit: FitRecord, nominal: Model, settings: FitSetting
         if h.effects and (p >= LEAST or h.effects in leaders):
             other = _changes(h, fit)
             one = _fitted(h, p, fit, nominal, data, draws, settings) if other else _same(none, h, p)
-            alone.append(_at_truth(one, test, fit.lines, _wanted(one.at.model, fit, settings)))
+            own = _wanted(one.at.model, fit, settings)
+            alone.append(_at_truth(one, [known[e] for e in h.effects], test, fit.lines, own))
     parts = [p for a in alone for p in _with_remainders(a)]
     bases = [a for a in alone if a.effects in leaders]
     parts += _outside(none, bases, _unknown(fit, test, bases, data, wanted), explanation.unknown, len(singles))
@@ -154,9 +156,9 @@ def _same(none: Alone, h: Hypothesis, probability: float) -> Alone:
     return replace(none, effects=h.effects, probability=probability, log_evidence=h.log_evidence)
 
 
-def _at_truth(a: Alone, test: GapTest, lines: Lines, wanted: Sequence[Quantity]) -> Alone:
+def _at_truth(a: Alone, effects: Sequence[Effect], test: GapTest, lines: Lines, wanted: Sequence[Quantity]) -> Alone:
     """The same with varying gains where they are those of the model (`mcstudy.identification.varying`)."""
-    found = varied(a.effects, test.contrasts, lines, a.at, a.free)
+    found = varied(effects, test.contrasts, lines, a.at, a.free)
     if found is None:
         return a
     mean, covariance = found
@@ -203,7 +205,8 @@ def _fitted(
         centre = np.array([q.value(minima.theta[0]) for q in wanted])
         values = centre[:, None] + np.sqrt(np.nan_to_num(rise.near.variance))[:, None] * NODES
     alone = _alone(model, data, minima, rise.near, values, h, probability)
-    return replace(alone, gain=float(fit.chi2 - minima.chi2[0]))
+    form = _form(model, rise.near, library_of(nominal).shape_parameters)
+    return replace(alone, form=form, gain=float(fit.chi2 - minima.chi2[0]))
 
 
 def _alone(
@@ -218,7 +221,7 @@ def _alone(
         values=values,
         centre=values[:, values.shape[1] // 2],
         variance=near.variance,
-        form=_form(model, near),
+        form=np.zeros(len(values)),
         at=at,
         free=near.free,
         gain=0.0,
@@ -226,9 +229,9 @@ def _alone(
     )
 
 
-def _form(model: Model, near: Linearised) -> np.ndarray:
+def _form(model: Model, near: Linearised, shapes: set[str]) -> np.ndarray:
     """Share (K,) of the variances that open constants of the form make: without them it would be that much smaller."""
-    shape = np.isin(np.array(model.names)[near.free], sorted(shape_parameters()))
+    shape = np.isin(np.array(model.names)[near.free], sorted(shapes))
     across = near.gradients[:, near.free] @ near.covariance[:, shape]
     taken = np.linalg.pinv(near.covariance[np.ix_(shape, shape)], hermitian=True)
     return np.clip(np.nan_to_num(np.einsum("ks,st,kt->k", across, taken, across) / near.variance), 0.0, 1.0)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mcstudy.effect_library.library import effect
+from mcstudy.effect_library.effect import Effect
 from mcstudy.fitting.penalised import Fitted, whiten
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.spectra.lines import Lines
@@ -32,21 +32,21 @@ CHANGE = 0.3
 
 
 def varied(
-    effects: Sequence[str], contrasts: Sequence[Contrast], lines: Lines, fitted: Fitted, free: np.ndarray
+    effects: Sequence[Effect], contrasts: Sequence[Contrast], lines: Lines, fitted: Fitted, free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Mean (P,) and covariance (P, P) of the parameters of the model minus those of a fit of all trials.
 
     None where no effect varies the gains. ``free``: (P,), parameters of the fit that no bound holds; the others stay.
     """
     for contrast in contrasts:
-        name = next((c.effect for c in contrast.changes if c.effect in effects), None)
+        own = next((e for e in effects for c in contrast.changes if c.effect == e.name), None)
         part = lines.parts[contrast.part]
         sets = part.halves() if contrast.kind == "time" else part.by_amplitude()
-        if name is None or sets is None:
+        if own is None or sets is None:
             continue
         first, second = (one if isinstance(one, Lines) else one[1] for one in (sets[0], sets[-1]))
         mean, covariance = _fitted(members(fitted.model)[contrast.part], fitted.theta, free, (first, second))
-        at, spread = _reach(name, contrast)
+        at, spread = _reach(own, contrast)
         P = fitted.theta.size
         to = np.concatenate([np.eye(P), at * np.eye(P)], axis=1)
         change = mean[P:]
@@ -79,9 +79,9 @@ def _weak(theta: np.ndarray) -> np.ndarray:
     return np.asarray((CHANGE * np.maximum(np.abs(theta), 1e-9)) ** -2.0)
 
 
-def _reach(name: str, contrast: Contrast) -> tuple[float, float]:
+def _reach(own: Effect, contrast: Contrast) -> tuple[float, float]:
     """From the middle of both sets, in units of the change between them: mean and standard deviation."""
-    where, (low, high) = effect(name).unvaried, contrast.between
+    where, (low, high) = own.unvaried, contrast.between
     if where == "middle":
         return 0.0, UNEVEN
     n = np.array(POWERS) * (-1.0 if where == "large" else 1.0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
@@ -123,7 +121,13 @@ def test_without_a_gap_there_is_no_average_unless_it_is_wanted(fits: dict[str, m
     assert wanted.causes[0].name == "nothing missing"
 
 
-@pytest.mark.parametrize("given", [{"effects": ["passive_damping_ankle"]}, {"model": "elbow"}])
-def test_what_cannot_be_averaged_is_refused_in_one_line(given: dict[str, Any]) -> None:
+def test_an_average_beside_added_effects_is_refused_in_one_line() -> None:
     with pytest.raises(InputError, match="causes: expected"):
-        mc.fit(mc.simulate(seed=11, cycles=3, model=given.get("model")), causes=True, **given)
+        mc.fit(mc.simulate(seed=11, cycles=3), causes=True, effects=["passive_damping_ankle"])
+
+
+def test_a_declared_model_is_averaged_over_the_effects_that_it_may_lack() -> None:
+    a = mc.fit(mc.simulate(seed=4, cycles=4, model="elbow"), model="elbow", causes=True).averaged
+    assert a is not None
+    assert a.causes[0].name == "nothing missing"
+    assert len(a.causes) > 3

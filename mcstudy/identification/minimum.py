@@ -142,7 +142,7 @@ def from_starts(fitter: Fitter, data: Data, starts: np.ndarray) -> Minima:
     fits = _converged(fitter, data, np.clip(starts, model.lower, model.upper))
     chi2, best, hits = _minima([fits], 0)
     found = best.size
-    stood = standing(growth_rate(model, fits.estimate[best]) < 0, chi2[best], 2 * model.n_angles * data.f.size)
+    stood = standing(growth_rate(model, fits.estimate[best]) < 0, chi2[best], 2 * model.n_outputs * len(data.f))
     if stood.any():
         best, hits = best[stood], hits[stood]
     return Minima(fits.estimate[best], chi2[best], fits.information[best], hits, len(starts), found, np.sort(chi2))

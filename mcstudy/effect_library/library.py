@@ -20,7 +20,7 @@ from mcstudy.effect_library.generic import generic_effects, own_angles
 from mcstudy.errors import InputError
 from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model, Parameter
-from mcstudy.stance.joint import changed
+from mcstudy.stance.joint import changed, members
 from mcstudy.stance.rules import Rules
 from mcstudy.text_tables import fill
 
@@ -119,9 +119,10 @@ def effect(name: str, library: Library = LIBRARY) -> Effect:
 def library_of(model: Model) -> Library:
     """The effects that a ``model`` without effects may lack: `LIBRARY` for a standing body.
 
-    For any other declared model those that are generated for it, and those that were registered.
+    For any other declared model those that are generated for it, and those that were registered; under several stimuli
+    those for the first, because it is the loop that they change.
     """
-    return LIBRARY if standing(model) else _generated(model, tuple(LIBRARY.values()))
+    return LIBRARY if standing(model) else _generated(members(model)[0], tuple(LIBRARY.values()))
 
 
 @lru_cache(maxsize=64)

@@ -21,7 +21,7 @@ from mcstudy.models.quantities import quantities
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import FITTED, Group
 from mcstudy.study.instability import instability
-from mcstudy.study.models import with_model_values
+from mcstudy.study.models import simulated_model, with_model_values
 
 _NEEDED = (
     "estimate",
@@ -102,9 +102,14 @@ class GroupView:
         return covariance if bool(np.isfinite(covariance).all()) else None
 
     @cached_property
+    def simulated(self) -> Model:
+        """The model of the body that was simulated: `model`, unless the study gives it effects of its own."""
+        return simulated_model(self.group)
+
+    @cached_property
     def instability(self) -> str:
         """Growth rate of an unstable true body as text; empty for a stable one."""
-        return instability(self.model)
+        return instability(self.simulated)
 
     @property
     def noisy(self) -> bool:
@@ -141,7 +146,7 @@ class GroupView:
             """Noise of the recording stands in designs that have some; other fields that stand in few are left out."""
             if field in theirs:
                 return bool(theirs[field] != value)
-            return field.startswith("noise.measurement.") and bool(value)
+            return field.startswith(("noise.measurement.", "effects.truth.")) and bool(value)
 
         return [f"{field} = {value}" for field, value in ours.items() if differs(field, value)]
 

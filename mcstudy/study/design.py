@@ -19,7 +19,7 @@ from mcstudy.files.plain_errors import shown, validated
 from mcstudy.files.sections import Name, Positive, Section
 from mcstudy.files.toml_files import toml_lines
 from mcstudy.models.catalogue import spelled_out
-from mcstudy.study.checks import check_group
+from mcstudy.study.checks import checked
 from mcstudy.study.group import (
     FITTED,
     SECTIONS,
@@ -94,8 +94,9 @@ class Study(Section):
         **fields
             Those of a ``[group.NAME]`` table of a study file: ``realizations``, ``starts`` (a number, or
             ``"until certain"`` with ``most_starts``), ``fmax`` (list, Hz), ``amplitude`` (list, N m or m),
-            ``simulator``, and the sections ``model``, ``stimulus``, ``noise``, ``spectra``, ``fit`` and ``store`` as
-            dicts; ``model`` may also be a `Model`, a name of ``mcstudy models``, or the path of a model file.
+            ``simulator``, and the sections ``model``, ``stimulus``, ``noise``, ``spectra``, ``fit``, ``effects`` and
+            ``store`` as dicts; ``model`` may also be a `Model`, a name of ``mcstudy models``, or the path of a model
+            file.
 
         Raises
         ------
@@ -118,8 +119,7 @@ class Study(Section):
         groups = {}
         for name, group in self.groups.items():
             try:
-                check_group(group)
-                groups[name] = with_model_values(group)
+                groups[name] = with_model_values(checked(group))
             except DesignError as error:
                 raise DesignError(f"group.{name}.{error}") from None
         return self.model_copy(update={"groups": groups})

@@ -16,7 +16,8 @@ from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES, Range
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.study.cube.layout import realizations_a_chunk
-from mcstudy.study.effects import check_effects, written_out
+from mcstudy.study.detectability import written_out
+from mcstudy.study.effects import check_effects
 from mcstudy.study.group import GAIN_BOUND, HIGHEST_HZ, UNTIL_CERTAIN, EffectsSection, Group
 from mcstudy.study.measure import frequency_points, kept_points, stimulus
 from mcstudy.study.models import build_model, simulated_model

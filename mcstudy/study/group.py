@@ -421,6 +421,21 @@ class StoreSection(Section):
     standard_errors: bool = False
 
 
+Label = str | int | float | bool
+"""Where a cell of a sweep lies on an axis."""
+
+
+class CellSection(Section):
+    """Where a group lies among those of a sweep (`mcstudy.study.sweep`).
+
+    ``sweep``: its name. ``at``: the label on every axis. ``setting``: what each axis sets, empty for several settings.
+    """
+
+    sweep: Name
+    at: dict[str, Label] = Field(min_length=1)
+    setting: dict[str, str]
+
+
 UNTIL_CERTAIN = "until certain"
 """What a file says in place of a number of starts."""
 
@@ -455,6 +470,7 @@ class Group(Section):
     fit: FitSection = FitSection()
     effects: EffectsSection = EffectsSection()
     store: StoreSection = StoreSection()
+    cell: CellSection | None = None
 
     @field_validator("starts", mode="wrap")
     @classmethod
@@ -482,7 +498,7 @@ class Group(Section):
     @model_serializer(mode="wrap")
     def _as_in_a_file(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """What is not used has no place in the design, so that its fingerprint is that of older studies without it."""
-        plain = without_defaults(self, dump(self), ("effects", "store"))
+        plain = without_defaults(self, dump(self), ("effects", "store", "cell"))
         if self.model.declared:  # its terms say what the stimulus moves
             plain["stimulus"].pop("kind", None)
         if self.until_certain:

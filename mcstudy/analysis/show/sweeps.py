@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mcstudy.analysis.statistics import CELL_STATISTICS
-from mcstudy.text_tables import counted, fill, number, starts_in_words, table
+from mcstudy.text_tables import Table, counted, fill, number, starts_in_words, table
 
 SHOWN = ("mean_absolute_bias_percent", "mean_spread_percent", "unstable", "inside_bounds")
 """Statistics of a cell in its line."""
@@ -34,16 +34,23 @@ def sweep_text(name: str, cells: list[dict[str, Any]]) -> str:
         "the truth.",
     ]
     notes = dict.fromkeys(note for c in cells for note in c["notes"] if note.startswith("Warning"))
+    tables = [table(t.header, t.rows) for t in sweep_tables(cells)]
+    largest = max((_error(p) for c in cells for p in c["cells"][-1]["parameters"]), default=0.0)
+    foot = f"Bias, % of the truth; largest Monte Carlo error {number(largest, 2)} %."
+    return "\n\n".join(["\n".join(map(fill, [*head, *notes])), *tables]) + "\n" + fill(foot)
+
+
+def sweep_tables(cells: list[dict[str, Any]]) -> list[Table]:
+    """A row for each cell at its highest Fmax and largest amplitude: its statistics, and the bias of its parameters."""
     shown = [s for s in CELL_STATISTICS if s.key in SHOWN]
     rows = [[_label(c), *(_number(c["cells"][-1][s.key], s.factor) for s in shown)] for c in cells]
     parameters = list(dict.fromkeys(p["name"] for c in cells for p in c["cells"][-1]["parameters"]))
     biases = [[_label(c), *_biases(c, parameters)] for c in cells]
-    tables = [
-        table([" ".join(at), *heads], body) for heads, body in (([s.head for s in shown], rows), (parameters, biases))
+    first = " ".join(cells[0]["cell"]["at"])
+    return [
+        Table("Best fits", [first, *(s.head for s in shown)], rows),
+        Table("Bias, % of the truth", [first, *parameters], biases),
     ]
-    largest = max((_error(p) for c in cells for p in c["cells"][-1]["parameters"]), default=0.0)
-    foot = f"Bias, % of the truth; largest Monte Carlo error {number(largest, 2)} %."
-    return "\n\n".join(["\n".join(map(fill, [*head, *notes])), *tables]) + "\n" + fill(foot)
 
 
 def _label(cell: dict[str, Any]) -> str:

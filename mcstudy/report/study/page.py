@@ -29,6 +29,7 @@ from mcstudy.report.study.pairs import pairs_figure
 from mcstudy.report.study.search import minima_figures, search_figures
 from mcstudy.report.study.signals import signal_figures
 from mcstudy.report.study.standard_errors import zipper_figures
+from mcstudy.report.study.sweeps import sweep_figures
 from mcstudy.report.study.tables import group_overviews, headline, introduction, published_beside
 from mcstudy.study.cube.conversion import structured
 from mcstudy.text_tables import Table
@@ -75,6 +76,7 @@ def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -
         *_main_figures(context),
         ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
+        *[(f.key, f.title, _figures(context, [f])) for f in sweep_figures(context)],
         *sections,
         ("groups", "Summary tables by group", _traced(group_overviews(context))),
         ("study", "Provenance", _provenance(context)),

@@ -10,6 +10,7 @@ import pytest
 
 import mcstudy as mc
 from mcstudy.errors import DesignError, InputError
+from mcstudy.study.cube.store import Cube
 from mcstudy.study.growth import growths
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.verify import verify
@@ -80,6 +81,19 @@ def test_all_cells_share_the_noise_of_a_realization_and_realizations_do_not(tmp_
     responses = tree["s"]["frf"].values.reshape(4, 3, -1)
     np.testing.assert_array_equal(responses[0], responses[3])
     assert len(np.unique(responses[0][:, 0])) == 3
+
+
+def test_a_realization_with_the_random_numbers_of_another_is_damage(tmp_path: Path) -> None:
+    mc.run(study({"cycles": [3, 6]}), tmp_path / "cube.zarr", workers=1)
+    store = Cube.open(tmp_path / "cube.zarr").groups["s--6"]
+    (chunk,) = store.layout.chunks
+    data = store.held(chunk)
+    data["frf"][0, 2] = data["frf"][0, 1]
+    store.write(chunk, data)
+    damage = verify(tmp_path / "cube.zarr", cells=0).damage
+    assert [line.split(": ", 1)[1] for line in damage] == [
+        "expected noise of its own in every realization, found the data of 1 in 2"
+    ]
 
 
 def test_a_combination_may_be_left_out(tmp_path: Path) -> None:

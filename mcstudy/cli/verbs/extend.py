@@ -1,4 +1,4 @@
-"""``mcstudy extend``: add realizations, starts, Fmax values or amplitudes to a results cube; only new cells are run."""
+"""``mcstudy extend``: add realizations, starts, Fmax, amplitudes or values of a sweep; only new cells are run."""
 
 from __future__ import annotations
 

@@ -55,23 +55,18 @@ def test_a_cell_has_the_bits_of_the_same_group_without_a_sweep(tmp_path: Path) -
 
 
 def test_statistics_have_the_axes_as_dimensions_and_are_those_of_each_cell(tmp_path: Path) -> None:
-    made = study(
-        {
-            "effect": ["sensor_lag_theta1", DAMPING],
-            "size": [0.01, 0.02],
-            "effects.fit": {"none": [], "both": ["sensor_lag_theta1"]},
-        }
-    )
+    fits: dict[str, Any] = {"none": [], "both": [DAMPING]}
+    made = study({"effect": ["head_mode", DAMPING], "size": [2.0, 5.0], "effects.fit": fits})
     tree = mc.run(made, tmp_path / "cube.zarr", workers=1)
     bias = tree["s"].mc.bias()
     assert bias["value"].dims == ("effect", "size", "fit", "amplitude", "fmax", "parameter")
-    chosen = bias["value"].sel(effect="sensor_lag_theta1", size=0.02, fit="both").squeeze()
-    data = tree["s"].to_dataset().sel(effect="sensor_lag_theta1", size=0.02, fit="both")
-    estimate = data.mc.best()["estimate"].squeeze()
-    np.testing.assert_allclose(chosen, estimate.mean("realization") - data["truth"])
-    assert float(data["truth"].sel(parameter="tau_theta1")) == 0.02
-    assert np.isnan(bias["value"].sel(fit="none", parameter="tau_theta1")).all()
-    assert str(bias["parameter_unit"].sel(parameter="tau_theta1").item()) == "s"
+    at = {"effect": DAMPING, "size": 5.0, "fit": "both"}
+    data = tree["s"].to_dataset().sel(at)
+    mean = data.mc.best()["estimate"].squeeze().mean("realization")
+    np.testing.assert_allclose(bias["value"].sel(at).squeeze(), mean - data["truth"])
+    assert float(data["truth"].sel(parameter="Bpas1")) == 5.0
+    assert np.isnan(bias["value"].sel(fit="none", parameter="Bpas1")).all()
+    assert str(bias["parameter_unit"].sel(parameter="Bpas1").item()) == "N m s/rad"
     assert tree["s"].mc.best().mc.sd()["value"].sizes["size"] == 2
     assert verify(tmp_path / "cube.zarr", cells=2).damage == []
 
@@ -127,8 +122,8 @@ def test_a_sweep_of_models_fits_each(tmp_path: Path) -> None:
     )
     bias = tree["s"].mc.bias()["value"]
     assert np.isnan(bias.sel(model="one", parameter="K22")).all()
-    assert np.isfinite(bias.sel(model="one", parameter="K11")).all()
-    assert np.isfinite(bias.sel(model="two")).all()
+    assert int(np.isfinite(bias.sel(model="one")).sum()) == 4
+    assert int(np.isfinite(bias.sel(model="two")).sum()) == 12
 
 
 REFUSED = [

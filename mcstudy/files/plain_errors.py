@@ -6,8 +6,7 @@ It is used for study files, challenge files, recording sheets and the settings o
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from difflib import get_close_matches
+from collections.abc import Iterator, Mapping
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -68,12 +67,6 @@ def one_line(error: ValidationError, model: type[BaseModel], where: str = "", wh
     first_of, *alternatives = expected
     words = " or ".join([first_of, *(a.removeprefix("expected ") for a in alternatives)])
     return f"{field}: {words}, got {short(first['input'])}{more}"
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """`` (nearest: ...)`` with the known names that are most like ``name``; empty where none is."""
-    names = get_close_matches(name, list(known), n=2, cutoff=0.5)
-    return f" (nearest: {', '.join(names)})" if names else ""
 
 
 def shown(name: str) -> str:

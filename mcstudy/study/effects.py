@@ -14,9 +14,9 @@ import numpy as np
 from mcstudy.effect_library import library
 from mcstudy.effect_library.effect import Effect, TrialSetting
 from mcstudy.errors import DesignError, InputError, ModelError
-from mcstudy.files.plain_errors import nearest
 from mcstudy.stance.feedback import Model
 from mcstudy.study.group import EffectsSection, Group
+from mcstudy.text_tables import similar
 
 DELTA = "delta"
 """What stands in the table of an effect in place of its size."""
@@ -25,7 +25,7 @@ DELTA = "delta"
 def declared(name: str, field: str) -> Effect:
     """The effect of this name; `DesignError` begins with ``field``."""
     if name not in library.LIBRARY:
-        raise DesignError(f"{field}: unknown effect{nearest(name, library.LIBRARY)}; mcstudy gap effects lists all")
+        raise DesignError(f"{field}: unknown effect{similar(name, library.LIBRARY)}; mcstudy gap effects lists all")
     return library.LIBRARY[name]
 
 

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mcstudy.errors import DesignError
-from mcstudy.files.plain_errors import nearest, validated
+from mcstudy.files.plain_errors import validated
 from mcstudy.study.design import Group, Study
 from mcstudy.study.group import Label
 from mcstudy.study.study_file import parse_study
 from mcstudy.study.sweep import moved
+from mcstudy.text_tables import similar
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def _further(axis: str, labels: Iterable[Label], groups: Mapping[str, Group]) ->
     cells = [g for g in groups.values() if g.cell is not None]
     if not any(g.cell and axis in g.cell.at for g in cells):
         axes = dict.fromkeys(a for g in cells if g.cell for a in g.cell.at)
-        near = f"{nearest(axis, axes)}, expected one of {', '.join(axes)}" if axes else "; the study has no sweep"
+        near = f"{similar(axis, axes)}, expected one of {', '.join(axes)}" if axes else "; the study has no sweep"
         raise DesignError(f"sweep.{axis}: unknown axis{near}")
     added: dict[str, Group] = {}
     for cell in cells:

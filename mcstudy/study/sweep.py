@@ -25,9 +25,10 @@ from typing import Any
 from pydantic import BaseModel
 
 from mcstudy.errors import DesignError
-from mcstudy.files.plain_errors import nearest, short, shown
+from mcstudy.files.plain_errors import short, shown
 from mcstudy.study.effects import DELTA, declared
 from mcstudy.study.group import SECTIONS, Group, Label
+from mcstudy.text_tables import similar
 
 SWEEP = "sweep"
 SKIP = "skip"
@@ -160,7 +161,7 @@ def _path(key: str, axes: Mapping[str, dict[Label, Any]], where: str) -> str:
         raise DesignError(f"{where}: expected one of {', '.join(ends)}")
     if all(isinstance(v, Mapping) for v in axes[key].values()):
         return ""
-    near = nearest(key, [*known, *(p.rpartition(".")[2] for p in known), EFFECT, SIZE, DELTA])
+    near = similar(key, [*known, *(p.rpartition(".")[2] for p in known), EFFECT, SIZE, DELTA])
     raise DesignError(f"{where}: unknown setting{near}, expected one of a group, or {EFFECT} with {SIZE} or {DELTA}")
 
 
@@ -201,7 +202,7 @@ def _skip(given: Mapping[str, Any], dims: Mapping[str, str], where: str) -> dict
     """Labels of cells that are left out, by dimension."""
     for key in given:
         if key not in dims and key not in dims.values():
-            raise DesignError(f"{where}.{key}: unknown axis{nearest(key, dims)}, expected one of {', '.join(dims)}")
+            raise DesignError(f"{where}.{key}: unknown axis{similar(key, dims)}, expected one of {', '.join(dims)}")
     return {dims.get(key, key): value for key, value in given.items()}
 
 

@@ -235,7 +235,7 @@ SECTION = "group.g0.effects"
 REFUSED: list[tuple[dict[str, Any], str]] = [
     (
         {"effects": {"truth": {"sensor_lag_theta": 0.02}}},
-        f"{SECTION}.truth.sensor_lag_theta: unknown effect (nearest: sensor_lag_theta",
+        f"{SECTION}.truth.sensor_lag_theta: unknown effect (similar: sensor_lag_theta",
     ),
     (
         {"effects": {"truth": {"head_mode": {"m_had": 4.0}}}},

@@ -127,15 +127,15 @@ def test_a_sweep_of_models_fits_each(tmp_path: Path) -> None:
 
 
 REFUSED = [
-    ({"cylces": [3, 6]}, "group.s.sweep.cylces: unknown setting (nearest: cycles, "),
-    ({"effect": ["head_mod"], "size": [1.0]}, "group.s.sweep.effect: unknown effect (nearest: head_mode, "),
+    ({"cylces": [3, 6]}, "group.s.sweep.cylces: unknown setting (similar: cycles)"),
+    ({"effect": ["head_mod"], "size": [1.0]}, "group.s.sweep.effect: unknown effect (similar: head_mode)"),
     ({"effect": ["head_mode"]}, "group.s.sweep.effect: expected the axis effect beside either size or delta"),
     ({"effect": ["head_mode"], "size": ["large"]}, "group.s.sweep.size: expected numbers, or low, middle, high, got"),
     ({"cycles": []}, "group.s.sweep.cycles: expected at least one value"),
     ({"cycles": [3, 3]}, "group.s.sweep.cycles: expected every value listed once"),
     ({"cycles": [3, "many"]}, "group.s--many.stimulus.cycles: expected a whole number, got 'many'"),
     ({"fmax": [3.0]}, "group.s.sweep.fmax: expected a setting that is no axis of a group already"),
-    ({"cycles": [3], "skip": [{"cycle": 3}]}, "group.s.sweep.skip.cycle: unknown axis (nearest: cycles), expected one"),
+    ({"cycles": [3], "skip": [{"cycle": 3}]}, "group.s.sweep.skip.cycle: unknown axis (similar: cycles), expected one"),
     ({"noise": [1, 2]}, "group.s--1.noise: expected a table, got 1"),
 ]
 
@@ -149,5 +149,5 @@ def test_what_is_no_axis_is_refused_with_the_nearest_name(sweep: dict[str, Any],
 
 def test_an_unknown_axis_of_an_extension_is_refused_with_the_nearest_name(tmp_path: Path) -> None:
     mc.run(study({"cycles": [3]}), tmp_path / "cube.zarr", workers=1)
-    with pytest.raises(DesignError, match=r"^sweep\.cycle: unknown axis \(nearest: cycles\), expected one of cycles$"):
+    with pytest.raises(DesignError, match=r"^sweep\.cycle: unknown axis \(similar: cycles\), expected one of cycles$"):
         mc.extend(tmp_path / "cube.zarr", sweep={"cycle": [6]})

@@ -13,7 +13,7 @@ import numpy as np
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.effect import Effect, TrialSetting
-from mcstudy.errors import DesignError, InputError, ModelError
+from mcstudy.errors import DesignError, FallsError, InputError, ModelError
 from mcstudy.stance.feedback import Model
 from mcstudy.study.group import EffectsSection, Group
 from mcstudy.text_tables import similar
@@ -96,6 +96,16 @@ def in_time(group: Group, model: Model, amplitude: float, samples: int, rng: np.
     reference = amplitude if section.reference_amplitude is None else section.reference_amplitude
     trial = TrialSetting(model, amplitude, reference, samples, group.stimulus.rate_hz, rng)
     return {"rules": library.rules(nonlinear(section), true_sizes(section), trial), "substeps": substeps}
+
+
+def refuse_fallen(group: Group, recorded: np.ndarray, amplitude: float) -> None:
+    """Raise `FallsError` for a record (n, Y) of a body that falls with its effects, which has no response."""
+    from mcstudy.recordings.checks import LARGEST_SWAY
+
+    limit = np.inf if group.model.declared else LARGEST_SWAY
+    if group.effects.truth and not np.abs(recorded).max() < limit:
+        sizes = ", ".join(f"{name} = {value:.4g}" for name, value in true_sizes(group.effects).items())
+        raise FallsError(f"effects.truth: the body falls with {sizes} at amplitude {amplitude:g}; reduce a size")
 
 
 def with_sizes(base: Model, names: tuple[str, ...], sizes: Mapping[str, float]) -> Model:

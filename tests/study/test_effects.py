@@ -17,8 +17,9 @@ import xarray as xr
 
 import mcstudy as mc
 from mcstudy.analysis.show.tables import show
-from mcstudy.errors import DesignError
+from mcstudy.errors import DesignError, FallsError
 from mcstudy.stance.body import Body
+from mcstudy.study.experiment import Experiment
 from mcstudy.study.replay import replay
 from mcstudy.study.verify import verify
 
@@ -283,3 +284,13 @@ def test_a_body_that_falls_with_its_effects_is_refused_before_anything_runs(tmp_
     ):
         mc.run(falls, tmp_path / "cube.zarr", workers=1)
     assert not (tmp_path / "cube.zarr").exists()
+
+
+def test_a_body_that_falls_in_the_time_simulator_is_named_with_its_effect(tmp_path: Path) -> None:
+    saturated = {"truth": {"torque_saturation": 0.5}}
+    fields = {**NOISELESS, "simulator": "time_domain", "stimulus": SHORT, "spectra": {"points": "odd_lines"}}
+    experiment = Experiment(study({**fields, "effects": saturated}).groups["g0"], 7)
+    with pytest.raises(
+        FallsError, match=r"^effects\.truth: the body falls with saturation = 0\.5 at amplitude 5; reduce"
+    ):
+        experiment.measure(5.0, 0)

@@ -286,7 +286,7 @@ def test_a_body_that_falls_with_its_effects_is_refused_before_anything_runs(tmp_
     assert not (tmp_path / "cube.zarr").exists()
 
 
-def test_a_body_that_falls_in_the_time_simulator_is_named_with_its_effect(tmp_path: Path) -> None:
+def test_a_body_that_falls_in_the_time_simulator_is_named_with_its_effect() -> None:
     saturated = {"truth": {"torque_saturation": 0.5}}
     fields = {**NOISELESS, "simulator": "time_domain", "stimulus": SHORT, "spectra": {"points": "odd_lines"}}
     experiment = Experiment(study({**fields, "effects": saturated}).groups["g0"], 7)

@@ -95,7 +95,7 @@ def in_time(group: Group, model: Model, amplitude: float, samples: int, rng: np.
     substeps = substeps_of(model, model.truth, group.stimulus.rate_hz)
     reference = amplitude if section.reference_amplitude is None else section.reference_amplitude
     trial = TrialSetting(model, amplitude, reference, samples, group.stimulus.rate_hz, rng)
-    return {"rules": library.rules(nonlinear(section), true_sizes(section), trial), "substeps": substeps}
+    return {"rules": library.rules(true_effects(section).values(), true_sizes(section), trial), "substeps": substeps}
 
 
 def refuse_fallen(group: Group, recorded: np.ndarray, amplitude: float) -> None:

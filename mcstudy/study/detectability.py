@@ -77,7 +77,7 @@ def detectability(group: Group, base: Model, effect: Effect, shapes: Mapping[str
             return np.inf
         noise = group.noise_source
         C = expected_line_covariance(members(body)[0], body.truth, noise, f, drive, duration_s, recorded)
-        weight = np.repeat(unit_variance(C, base.n_angles), J, axis=0)
+        weight = np.repeat(unit_variance(C), J, axis=0)
         change = _real(weight, (frf(body, body.truth, points) - rest)[..., None])[:, 0]
         absorbed = _real(weight, slope)
         return float(np.linalg.norm(change - absorbed @ np.linalg.lstsq(absorbed, change, rcond=None)[0]))

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from mcstudy.analysis.determined import DETERMINED, LOST, determined, lost
 from mcstudy.analysis.publications.publication import cited
 from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL
 from mcstudy.analysis.show.text import (
-    OFTEN,
     condition,
     entry_with_error,
     incomplete,
@@ -22,12 +22,6 @@ from mcstudy.text_tables import fill, folded, number, table
 
 Entry = dict[str, Any]
 """A group, a cell, or a parameter of a cell, of the tables."""
-
-DETERMINED = 0.2
-"""Largest CV of a parameter that counts as determined, as in the paper."""
-
-LOST = 0.5
-"""CV, and share of estimates on a bound, from which a parameter counts as not determined."""
 
 LISTED = 8
 """Most names in a list, and conditions of one kind, of the first screen."""
@@ -55,18 +49,6 @@ def main_group(data: Entry) -> str:
     return max(data["groups"], key=size)
 
 
-def determined(parameter: Entry) -> bool:
-    """Whether the CV is below 20 %, and not because of the bounds of the fit."""
-    cv = parameter["cv"]["value"]
-    return cv is not None and cv < DETERMINED and (share_on_bounds(parameter) or 0.0) < OFTEN
-
-
-def lost(parameter: Entry) -> bool:
-    """Whether half of the estimates lie on a bound, or they scatter by half of the true value."""
-    cv = parameter["cv"]["value"]
-    return cv is None or cv >= LOST or (share_on_bounds(parameter) or 0.0) >= LOST
-
-
 def best(cells: list[Entry]) -> Entry:
     """The condition whose estimates are nearest to the truth: least mean of their relative RMS errors."""
 
@@ -84,7 +66,17 @@ def _fitted(cell: Entry) -> list[Entry]:
 
 def _score(cell: Entry) -> str:
     fitted = _fitted(cell)
-    return f"{sum(map(determined, fitted))} of {len(fitted)}"
+    return f"{_count(fitted)} of {len(fitted)}"
+
+
+def _count(parameters: list[Entry]) -> int:
+    """How many are determined."""
+    return sum(determined(*_held(p)) for p in parameters)
+
+
+def _held(parameter: Entry) -> tuple[float | None, float]:
+    """CV, and share of the estimates on a bound."""
+    return parameter["cv"]["value"], share_on_bounds(parameter) or 0.0
 
 
 def _head(data: Entry) -> str:
@@ -106,7 +98,7 @@ def _of_noise(named: str, group: Entry) -> Iterator[str]:
         f"{number(bias['floor'], 2)}), mean SD {number(spread['value'], 2)} %."
     )
     yield f"\n{_parameters(cell)}"
-    missing = [_why(p) for p in cell["parameters"] if lost(p)]
+    missing = [_why(p) for p in cell["parameters"] if lost(*_held(p))]
     if missing:
         yield fill(f"Not determined: {_listed(missing)}.", "  ")
     yield fill(f"Starts needed in 9 of 10 realizations: {_starts(cell, cells)}.", "  ")
@@ -149,7 +141,7 @@ def _by_fmax(cells: list[Entry], design: Entry) -> str:
     """How many parameters each condition determines."""
     of = len(_fitted(cells[0]))
     counts = [
-        ", ".join(str(sum(map(determined, _fitted(c)))) for c in cells if c["amplitude"] == amplitude)
+        ", ".join(str(_count(_fitted(c))) for c in cells if c["amplitude"] == amplitude)
         + f" of {of} ({amplitude:g} {design['amplitude_unit']})"
         for amplitude in design["amplitude"]
     ]

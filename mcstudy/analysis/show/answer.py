@@ -31,9 +31,7 @@ def answer(data: Entry) -> str:
     """The first screen, of about twenty lines with a dozen parameters."""
     name = main_group(data)
     group = data["groups"][name]
-    noisy = group["design"]["simulator"] != "none"
-    named = f"group {name}, " if len(data["groups"]) > 1 else ""
-    found = _of_noise(named, group) if noisy else _without_noise(name, group)
+    found = [fill(finding(data)), *_of_noise(group)] if group["design"]["noise"] else _without_noise(name, group)
     warnings = [note for g in data["groups"].values() for note in g["notes"] if note.startswith("Warning")]
     parts = [_head(data), *map(fill, [*filter(None, [incomplete(data)]), *dict.fromkeys(warnings)]), *found]
     return folded("\n".join([*parts, *_publication(data), _further(data, name)]))
@@ -87,16 +85,27 @@ def _head(data: Entry) -> str:
     return fill(f"{data['study']['title']}: {fits:,} fits of {models} (true values: {truths})")
 
 
-def _of_noise(named: str, group: Entry) -> Iterator[str]:
+def finding(data: Entry) -> str:
+    """What the best condition determines, in one sentence; empty where no group has noise."""
+    name = main_group(data)
+    group = data["groups"][name]
     design, cells = group["design"], group["cells"]
+    if not design["noise"]:
+        return ""
     cell = best(cells)
+    named = f"group {name}, " if len(data["groups"]) > 1 else ""
     which = f" ({named}the best of {len(cells)} conditions)" if len(cells) > 1 else ""
     bias, spread = cell["mean_absolute_bias_percent"], cell["mean_spread_percent"]
-    yield fill(
+    return (
         f"At {condition(cell, design)}{which} {_score(cell)} parameters are determined (CV below "
         f"{100 * DETERMINED:.0f} %): mean |bias| {entry_with_error(bias)} % (chance alone "
         f"{number(bias['floor'], 2)}), mean SD {number(spread['value'], 2)} %."
     )
+
+
+def _of_noise(group: Entry) -> Iterator[str]:
+    design, cells = group["design"], group["cells"]
+    cell = best(cells)
     yield f"\n{_parameters(cell)}"
     missing = [_why(p) for p in cell["parameters"] if lost(*_held(p))]
     if missing:

@@ -38,6 +38,12 @@ DELAYS_S = (0.0, 0.05, 0.12, 0.25)
 MIDDLE_HZ = 0.43
 """Geometric mean of the lowest and the highest line of a standing body, up to 8 Hz."""
 
+
+def slower(model: Model, f: np.ndarray) -> float:
+    """Factor on times of a standing body, 1 for it; those of a declared model have the same place among its lines."""
+    return 1.0 if standing(model) else MIDDLE_HZ / float(np.sqrt(f.min() * f.max()))
+
+
 RESONANCES_HZ = (0.5, 1.0, 2.0, 3.0, 4.5, 6.5)
 
 
@@ -138,8 +144,7 @@ def plain_feedback(fitted: Fitted, data: Data) -> list[tuple[str, tuple[str, ...
     joints, n = model.n_rows - model.padded, model.n_angles
     rows = list(enumerate(model.rows))[-joints:]
     senses = dict(zip(model.angles[:joints], H.T, strict=False))
-    # Times of a standing body; of a declared model they have the same place among its lines.
-    second = 1.0 if standing(model) else MIDDLE_HZ / float(np.sqrt(data.f.min() * data.f.max()))
+    second = slower(model, data.f)
     delays = [d * second for d in DELAYS_S]
     shapes = [(f"s^{n} e^(-{d:g} s)", s**n * np.exp(-d * s)) for n, d in product((-1, 0, 1, 2), delays)]
     shapes += [(f"mode {f0 / second:g} Hz", _mode(s, f0 / second)) for f0 in RESONANCES_HZ]

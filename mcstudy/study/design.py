@@ -32,6 +32,7 @@ from mcstudy.study.group import (
     StimulusSection,
     StoreSection,
     StudySection,
+    with_lists,
 )
 from mcstudy.study.models import with_model_values
 from mcstudy.text_tables import Table, counted
@@ -104,6 +105,7 @@ class Study(Section):
         """
         if name in self.groups:
             raise DesignError(f"group.{name}: the study already has a group of this name")
+        fields = with_lists(fields)
         if "model" in fields:
             try:
                 fields = {**fields, "model": spelled_out(fields["model"])}

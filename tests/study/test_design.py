@@ -89,8 +89,8 @@ HEAD = {"name": "x", "seed": 1}
 
 MISTAKES: list[tuple[Callable[[], object], str]] = [
     (
-        lambda: Study(study=HEAD, group={"g": group(fmax=100.0)}),  # type: ignore[arg-type]
-        "group.g.fmax: expected a list, got 100.0",
+        lambda: Study(study=HEAD, group={"g": group(fmax="100")}),  # type: ignore[arg-type]
+        "group.g.fmax: expected a list, got '100'",
     ),
     (
         lambda: Study(study=HEAD, group={"g": group(fmax=[100.0])}),  # type: ignore[arg-type]

@@ -79,6 +79,8 @@ class FrfRecording(Summary):
         Text for people.
     model
         The declared model whose outputs were measured; None for a standing body.
+    constants
+        Numbers of the person that it took, as in `Recording`.
 
     Raises
     ------
@@ -95,6 +97,7 @@ class FrfRecording(Summary):
     name: str = "frf"
     provenance: str = ""
     model: Model | None = None
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         escape_texts(self, "name", "provenance")

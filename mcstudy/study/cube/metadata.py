@@ -57,7 +57,7 @@ def whole_document(path: Path) -> dict[str, Any]:
         packed = f"; unpack it first: unzip {path} -d {path.with_suffix('.zarr')}" if path.suffix == ".zip" else ""
         raise StoreError(f"{path}: expected the folder of a results cube, found a file{packed}{study}") from None
     except OSError as error:
-        near = path.with_name(f"{path.name}.zarr")
+        near = Path(f"{path}.zarr")
         hint = f"; similar: {near}" if near.exists() else ""
         raise StoreError(f"{path / 'zarr.json'}: expected a results cube ({error.strerror}){hint}") from None
     except (ValueError, RecursionError):

@@ -140,10 +140,13 @@ def scale_stimulus(model: Model, error: str, corner: str) -> Model:
 
 
 def filter_output(model: Model, angles: Sequence[int], filt: Filter) -> Model:
-    """Add a filter between the true and the measured angle, in series with an existing one."""
+    """Add a filter between the true and the measured angle, in series with one that is there."""
+    there = [k for k in angles if k < model.n_rows]
+    if not there:
+        raise ModelError(f"model {model.name}: no second angle for this effect to act on")
     have = {f.name: f for f in model.filters}
     output, filters = list(model.output_filters), list(model.filters)
-    for k in angles:
+    for k in there:
         existing = output[k]
         placed = filt if existing is None else product(f"{existing}*{filt.name}", have[existing], filt)
         if placed.name not in {f.name for f in filters}:

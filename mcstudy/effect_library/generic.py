@@ -70,9 +70,8 @@ def generic_effects(model: Model) -> tuple[Effect, ...]:
 
 
 def own_angles(model: Model) -> dict[str, str]:
-    """The angle of every row that has terms, the lowest joint first."""
-    used = {t.row for t in model.terms}
-    return {row: angle for row, angle in zip(reversed(model.rows), model.angles, strict=False) if row in used}
+    """The angle of every row, the lowest joint first."""
+    return dict(zip(reversed(model.rows), model.angles, strict=True))
 
 
 def torque_unit(model: Model) -> str:

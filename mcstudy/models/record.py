@@ -467,12 +467,11 @@ def table_of(model: Model) -> dict[str, Any]:
     """The plain table of a model, without what has its default."""
     if any(b.lines is not None for b in model.blocks):
         raise ModelError(f"model {model.name}: expected stimuli that share their lines, got those of recordings")
-    n = model.n_rows - model.padded
-    joints, angles = tuple(reversed(model.rows))[:n], model.angles[:n]
+    joints, angles = tuple(reversed(model.rows)), model.angles
     sums = {model.senses[angle]: angle for angle in angles}
     if len(angles) == len(SENSES["theta2s"]) - 1:
         sums[SENSES["theta2s"]] = " + ".join(angles)
-    own = angles[0] if n == 1 else ""
+    own = angles[0] if len(angles) == 1 else ""
 
     def term(t: Term) -> dict[str, Any]:
         named = t.sense in angles
@@ -480,7 +479,7 @@ def table_of(model: Model) -> dict[str, Any]:
         if t.sense == "stimulus":
             sense = model.stimulus_names[t.stimulus]
         return {
-            "joint": None if n == 1 else t.row,
+            "joint": None if len(angles) == 1 else t.row,
             "sense": None if sense == own else sense,
             "gain": t.gain,
             "order": t.order,

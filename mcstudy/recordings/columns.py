@@ -7,7 +7,7 @@ declared model holds what the model calls its outputs, in their units, and a sti
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, Self, TypeVar
 
@@ -17,7 +17,7 @@ from mcstudy.errors import DesignError, RecordingError
 from mcstudy.recordings.refusals import refused
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, standing
-from mcstudy.stance.feedback import ANGLES, NO_ANGLE, Model, Output, OutputTerm
+from mcstudy.stance.feedback import ANGLES, Model
 
 ModelLike = Model | str | Path
 """A model, its name, or the path of its file."""
@@ -78,7 +78,7 @@ def model_of(
     `Model` has its own. Raises `RecordingError`, one line, for an unknown name or a wrong file.
     """
     if isinstance(given, Model):
-        return None if standing(given) else _measured(given)
+        return None if standing(given) else given
     if given is None or given == "two_segment":
         return None
     from mcstudy.models.catalogue import BUILT, read_model
@@ -88,7 +88,7 @@ def model_of(
             f"model: expected a declared model or two_segment, got {given!s}, which a recording of two angles excludes"
         )
     with refused(DesignError, where="model"):
-        return _measured(read_model(given, folder).with_constants(constants or {}).model())
+        return read_model(given, folder).with_constants(constants or {}).model()
 
 
 def constants_of(given: ModelLike | None, folder: Path | None = None) -> Collection[str]:
@@ -96,14 +96,6 @@ def constants_of(given: ModelLike | None, folder: Path | None = None) -> Collect
     from mcstudy.models.catalogue import read_model
 
     return () if given is None or isinstance(given, Model) else read_model(given, folder).constants
-
-
-def _measured(model: Model) -> Model:
-    """The model with its angle as output, where it has one joint only: the second one is none."""
-    if NO_ANGLE not in model.angles or model.outputs:
-        return model
-    name = model.angles[0]
-    return replace(model, outputs=(Output(name, (OutputTerm(name),), model.unit),))
 
 
 class Measured(Protocol):

@@ -23,7 +23,7 @@ from itertools import product
 import numpy as np
 from numpy.polynomial import polynomial
 
-from mcstudy.effect_library.generic import own_angles, torque_unit
+from mcstudy.effect_library.generic import torque_unit
 from mcstudy.fitting.arguments import Prior
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
@@ -115,10 +115,8 @@ class Path:
 
 def paths(model: Model) -> tuple[Path, ...]:
     """Every row with any angle and, in a model with one stimulus, with the stimulus."""
-    known = own_angles(model)
-    rows, angles = [r for r in model.rows if r in known], known.values()
-    senses = (*angles, *(() if model.blocks else ("stimulus",)))
-    return tuple(Path(r, x, _linear(model, r, x)) for r, x in product(rows, senses))
+    senses = (*model.angles, *(() if model.blocks else ("stimulus",)))
+    return tuple(Path(r, x, _linear(model, r, x)) for r, x in product(model.rows, senses))
 
 
 def _linear(model: Model, row: str, sense: str) -> tuple[str, ...]:

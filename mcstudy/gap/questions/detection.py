@@ -215,12 +215,11 @@ def bands(f: np.ndarray, model: Model, z: np.ndarray, null: np.ndarray) -> tuple
     samples of them (N, Y, D).
     """
     rows, level, ratio = [], [], []
-    angles = model.output_names[: model.n_angles]
     for low, high in pairwise(np.array(EDGES_HZ) / slower(model, f)):
         inside = (f >= low) & (f < high)
         if not inside.any():
             continue
-        for k, angle in enumerate(angles):
+        for k, angle in enumerate(model.output_names):
             expected = (np.abs(null[inside, k]) ** 2).mean(axis=0)
             rows.append((angle, float(f[inside].min()), float(f[inside].max()), expected))
             level.append(float((np.abs(z[inside, k]) ** 2).mean()))

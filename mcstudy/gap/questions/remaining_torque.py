@@ -205,7 +205,7 @@ def _candidates(fitted: Fitted, data: Data, loop: Loop, every: Sequence[Path]) -
     """
     prior = float(np.log((1 - NOTHING) / (len(every) * (MOST_POLES + 1))))
     steps = [(fitted, data)]
-    excess = fitted.chi2 - 2 * fitted.model.n_angles * data.f.size
+    excess = fitted.chi2 - 2 * fitted.model.n_outputs * data.f.size
     weight = np.sqrt(SMALL / excess) if excess > LARGE else 1.0
     while weight < 1.5 / STEP:
         softer = Data(data.f, data.y, data.weight * weight)
@@ -263,7 +263,7 @@ def _samples(own: list[_Candidate], share: np.ndarray, f: np.ndarray, rng: np.ra
     out = []
     for c, n in zip(own, rng.multinomial(SAMPLES, share), strict=True):
         m = len(c.path.names(c.poles))
-        covariance = c.fitted.covariance[-m:, -m:] * max(1.0, c.fitted.chi2 / (2 * c.fitted.model.n_angles * f.size))
+        covariance = c.fitted.covariance[-m:, -m:] * max(1.0, c.fitted.chi2 / (2 * c.fitted.model.n_outputs * f.size))
         theta = rng.multivariate_normal(c.fitted.theta[-m:], (covariance + covariance.T) / 2, n, check_valid="ignore")
         theta = np.clip(theta, c.fitted.model.lower[-m:], c.fitted.model.upper[-m:])
         out += [c.path.transfer(c.poles, x, f) for x in theta]

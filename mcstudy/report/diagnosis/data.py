@@ -13,7 +13,6 @@ from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.detection import standardised
 from mcstudy.gap.verdict import added_name
-from mcstudy.recordings.frf import FrfRecording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
@@ -76,9 +75,8 @@ class GapData:
     @property
     def angles(self) -> list[str]:
         """Names of what was measured."""
-        recording, names = self.diagnosis.recording, self.model.output_names
-        n = 1 if isinstance(recording, FrfRecording) and recording.single else self.model.n_angles
-        return [name.replace("theta", "θ") if standing(self.model) else name for name in names[:n]]
+        names = self.model.output_names
+        return [name.replace("theta", "θ") if standing(self.model) else name for name in names]
 
     @property
     def units(self) -> list[str]:

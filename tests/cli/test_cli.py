@@ -249,7 +249,7 @@ def test_plan_tells_cost_and_precision(study: Path) -> None:
 @pytest.fixture
 def no_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages are words alone: most of the time a page takes goes into figures."""
-    for name, result in (("drawn", None), ("_share", None), ("left_margin", 0.0), ("rendered", ("", {}))):
+    for name, result in (("drawn", None), ("share_axes", None), ("left_margin", 0.0), ("rendered", ("", {}))):
         monkeypatch.setattr(f"mcstudy.report.figure.{name}", lambda *_, result=result: result)
 
 
@@ -318,7 +318,7 @@ def test_one_realization_is_shown_with_what_it_cannot_tell(study: Path, tmp_path
 
 
 def test_an_unknown_verb_is_refused_with_the_nearest() -> None:
-    assert refused("ruin") == "mcstudy: ruin: expected a verb (similar: run); mcstudy --help lists them"
+    assert refused("ruin").rstrip() == "mcstudy: ruin: expected a verb (similar: run); mcstudy --help lists them"
 
 
 def test_a_verb_of_the_gap_is_called_without_it(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from mcstudy.models.catalogue import spelled_out
 from mcstudy.study.catalogue import located, read_file
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
 from mcstudy.study.group import with_lists
+from mcstudy.study.sweep import expanded
 from mcstudy.text_tables import similar
 
 
@@ -57,7 +58,7 @@ def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
     shared = {key: raw[key] for key in SECTIONS if key in raw}
     for key, value in shared.items():
         validated(Group.model_fields[key].annotation, value, key)
-    groups = {}
+    groups: dict[str, Any] = {}
     for name, fields in raw["group"].items():
         where = f"group.{shown(name)}"
         if not isinstance(fields, dict):
@@ -70,10 +71,19 @@ def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
         for key in SECTIONS:
             if not isinstance(fields.get(key, {}), dict):
                 raise DesignError(f"{where}.{key}: expected a table, got {short(fields[key])}")
-        groups[name] = with_lists(merge(base, fields))
-        validated(Group, groups[name], where)
+        groups |= _cells(name, with_lists(merge(base, fields)), folder)
     study: Study = validated(Study, {"study": raw["study"], "group": groups})
     return study
+
+
+def _cells(name: str, fields: dict[str, Any], folder: Path | None) -> dict[str, Any]:
+    """A group, or those of its sweep."""
+    cells = expanded(name, fields)
+    for cell, own in cells.items():
+        if isinstance(own.get("model"), str):  # of an axis of models
+            own["model"] = named_model(own["model"], f"group.{shown(cell)}.model", folder)
+        validated(Group, own, f"group.{shown(cell)}")
+    return cells
 
 
 def named_model(given: Any, where: str, folder: Path | None) -> Any:

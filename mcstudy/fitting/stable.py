@@ -113,7 +113,7 @@ def stabilised(
         margin + TOUCHING,
         np.full((B, K), np.nan, dtype=complex),
         np.zeros((B, K)),
-        np.maximum(cost, np.finfo(float).tiny) / excess**2,
+        np.maximum(cost, np.finfo(float).tiny) / np.maximum(excess, 1.0) ** 2,
     )
     going, idle = np.isfinite(cost) & np.isfinite(growth), np.zeros(B, dtype=int)
     for _ in range(ROUNDS):
@@ -167,14 +167,14 @@ def stable_ends(problems: Sequence[Problem], assignment: np.ndarray, fits: Fits,
     unstable = usable[~(growth_rate(loop_of(model), fits.estimate[usable]) <= -margin)]
     for first in range(0, unstable.size, TOGETHER):
         at = unstable[first : first + TOGETHER]
-        squares = _Squares.of([problems[k] for k in assignment[at]])
+        squares = Squares.of([problems[k] for k in assignment[at]])
         theta, cost, held = stabilised(model, squares.residual, squares.linearised, fits.estimate[at], margin)
         status = np.where(held, Status.CONVERGED, Status.UNSTABLE)
         fits.put(at, Fits.of(model, theta, np.where(held, cost, np.nan), status, fits.iterations[at]))
     return fits
 
 
-class _Squares(NamedTuple):
+class Squares(NamedTuple):
     """The sums of squares of B problems that share model and frequencies (`Problem.residual`)."""
 
     model: Model
@@ -183,14 +183,17 @@ class _Squares(NamedTuple):
     weight: np.ndarray
 
     @classmethod
-    def of(cls, problems: Sequence[Problem]) -> _Squares:
+    def of(cls, problems: Sequence[Problem]) -> Squares:
+        """Those of ``problems``."""
         y, weight = np.stack([p.y for p in problems]), np.stack([p.weight for p in problems])
         return cls(problems[0].model, problems[0].f, y, weight)
 
     def residual(self, theta: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """At parameters (b, P) of the problems at positions ``at``, (b, 2 Y N)."""
         return _real(np.einsum("bnij,bnj->bni", self.weight[at], frf(self.model, theta, self.f) - self.y[at]))
 
     def linearised(self, theta: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same with derivatives, (b, 2 Y N, P)."""
         H, dH = frf_jacobian(self.model, theta, self.f)
         r = np.einsum("bnij,bnj->bni", self.weight[at], H - self.y[at])
         return _real(r), _real(np.einsum("bnij,bnjp->bnip", self.weight[at], dH), dH.shape[-1])

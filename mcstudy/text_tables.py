@@ -192,19 +192,20 @@ def similar(name: str, known: Iterable[str]) -> str:
     return f" (similar: {near[0]})" if near else ""
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, of_text: bool = False) -> str:
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, of_text: bool = False, ruled: bool = True) -> str:
     """A text table with columns of minimal width; the first is left-aligned, the others are right-aligned.
 
     Where the terminal is narrower, headings and then words are wrapped inside their columns, never numbers. Columns
     that still have no room follow below, behind the first column again.
 
-    ``of_text``: all columns are left-aligned, with one rule under all headings.
+    ``of_text``: all columns are left-aligned, with one rule under all headings. ``ruled``: whether there is a rule.
     """
     lines, room = [[escaped(c) for c in line] for line in (header, *rows)], terminal_width()
     natural = [max(len(line[i]) for line in lines) for i in range(len(header))]
     if room is None or _total(natural) <= room:
-        return _block(lines, natural, of_text)
+        return _block(lines, natural, of_text, ruled)
     words = [max(map(len, h.split()), default=0) for h in lines[0]]
+    words[0] += len(GAP) * (" " in lines[0][0])  # what is wrapped in the first column is indented
     calm = [max(words[i], *(len(row[i]) for row in lines[1:])) if rows else words[i] for i in range(len(header))]
     least = [max(words[i], *(_least(row[i]) for row in lines[1:])) if rows else words[i] for i in range(len(header))]
     least[0] = min(least[0], room // 2)
@@ -221,6 +222,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, of_text: bool
                 _narrowed([natural[k] for k in block], [calm[k] for k in block], room), [least[k] for k in block], room
             ),
             of_text,
+            ruled,
         )
         for block in (*blocks, columns)
     )
@@ -251,7 +253,7 @@ def _narrowed(widths: list[int], least: list[int], room: int) -> list[int]:
     return widths
 
 
-def _block(lines: list[list[str]], widths: list[int], of_text: bool) -> str:
+def _block(lines: list[list[str]], widths: list[int], of_text: bool, ruled: bool) -> str:
     """Lines of cells, the first of them the header, as text."""
 
     def line(cells: Sequence[str]) -> list[str]:
@@ -275,4 +277,4 @@ def _block(lines: list[list[str]], widths: list[int], of_text: bool) -> str:
     rule = "-" * max(len(text) for row in (first, *rest) for text in row)
     if not of_text:
         (rule,) = line(["-" * w for w in widths])
-    return "\n".join([*first, rule, *(text for row in rest for text in row)])
+    return "\n".join([*first, *[rule] * ruled, *(text for row in rest for text in row)])

@@ -36,15 +36,15 @@ def check_name(path: Path | None, endings: Collection[str]) -> None:
         raise InputError(f"{path}: cannot be written: {there} is not a folder")
 
 
-def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure; raises `StoreError` when the file cannot be written."""
+def write_figure(figure: Figure, path: Path, dpi: float = 100.0) -> None:
+    """Write a figure, with ``dpi`` where it has dots; raises `StoreError` when the file cannot be written."""
     from mcstudy.files.output import write_file
     from mcstudy.report.axes import styled
 
     def content() -> bytes:
         drawn = io.BytesIO()
         with styled():
-            figure.savefig(drawn, format=path.suffix.removeprefix("."), metadata=UNDATED[path.suffix])
+            figure.savefig(drawn, format=path.suffix.removeprefix("."), metadata=UNDATED[path.suffix], dpi=dpi)
         return drawn.getvalue()
 
     write_file(path, content)

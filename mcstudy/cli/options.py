@@ -161,3 +161,13 @@ def seconds(text: str) -> float:
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"expected seconds above 0, got {text}")
     return value
+
+
+def names(given: str) -> tuple[str, ...]:
+    """Names between commas."""
+    return tuple(name.strip() for name in given.split(","))
+
+
+def numbers(given: str) -> tuple[float, ...]:
+    """Numbers between commas; raises `ValueError`, which argparse reports."""
+    return tuple(map(float, names(given)))

@@ -30,6 +30,7 @@ def tell(outcome: Outcome, out: Path) -> Exit:
     for line in outcome.failed_blocks:
         print(f"failed block: {line}")
     if not (outcome.failed_blocks or outcome.failed_fits):
+        print(f"next: mcstudy show {out}; mcstudy report {out}")
         return Exit.DONE
     from mcstudy.study.cube.store import Cube
     from mcstudy.study.failures import failed_fits

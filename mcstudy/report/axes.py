@@ -18,10 +18,15 @@ from mcstudy.report.style import SERIES, SETTINGS
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+_SCALED = ("size", "linewidth")
+"""Last words of the settings of text and lines."""
+
+
 @contextmanager
-def styled() -> Iterator[None]:
-    """The report's settings while axes are made."""
-    with matplotlib.rc_context(SETTINGS):
+def styled(scale: float = 1.0) -> Iterator[None]:
+    """The report's settings while axes are made; ``scale``: size of text and lines against the page's."""
+    scaled = {key: value * scale for key, value in SETTINGS.items() if key.endswith(_SCALED)}
+    with matplotlib.rc_context({**SETTINGS, **scaled}):
         yield
 
 
@@ -44,11 +49,15 @@ def picture(
     title: str,
     columns: int | None = None,
     size: tuple[float, float] = (4.6, 4.4),
+    scale: float = 1.0,
 ) -> Figure:
-    """Drawings of ``size`` (inches) in rows of ``columns``, all in one by default, as a file of their own."""
+    """Drawings of ``size`` (inches) in rows of ``columns``, all in one by default, as a file of their own.
+
+    ``scale``: size of text and lines against the page's.
+    """
     columns = columns or max(len(drawings), 1)
     rows = max(-(-len(drawings) // columns), 1)
-    with styled():
+    with styled(scale):
         figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
         for ax, drawing in zip_longest(figure.subplots(rows, columns, squeeze=False).flat, drawings):
             (drawing or Axes.set_axis_off)(ax)

@@ -81,7 +81,7 @@ class Missing:
 
     title: str
     reason: str
-    key: str = ""
+    key: str
 
 
 WIDE = 6.0
@@ -115,7 +115,7 @@ def _pictures(
     axes = [drawn(p.drawing, p.size) for p in content.panels]
     for letter, ax in zip(letters, axes, strict=False):
         ax.set_title(f"{letter} · {ax.get_title()}")
-    _share(content.panels, axes)
+    share_axes(content.panels, axes)
     wide = [p.size[0] > WIDE for p in content.panels]
     margin = max((left_margin(ax) for broad, ax in zip(wide, axes, strict=True) if broad), default=0.0)
     pictures, numbers = [], []
@@ -127,7 +127,14 @@ def _pictures(
     return pictures, numbers
 
 
-def _share(panels: Sequence[Panel], axes: Sequence[Axes]) -> None:
+def numbers(content: Figure) -> list[dict[str, Any]]:
+    """What each panel plots: its title and its `mcstudy.report.readings.readings`."""
+    with style():
+        return _pictures(content, content.title, ())[1]
+
+
+def share_axes(panels: Sequence[Panel], axes: Sequence[Axes]) -> None:
+    """Give panels that compare the same limits and ticks; ``axes``: of each panel."""
     alike: dict[tuple[str, str], list[Axes]] = {}
     for p, ax in zip(panels, axes, strict=True):
         for axis in p.share:

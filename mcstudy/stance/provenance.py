@@ -55,3 +55,10 @@ def with_replaced(provenance: str, replaced: Collection[str], every: Collection[
     if not replaced or not provenance:
         return provenance
     return OWN if len(replaced) == len(every) else provenance + REPLACED_IN_PYTHON + ", ".join(replaced)
+
+
+def in_short(provenance: str) -> str:
+    """Where the true values come from, in a few words."""
+    first = "a stand-in" if provenance.startswith(LOST) else provenance.partition(";")[0]
+    replaced = [provenance.partition(mark)[2].partition(";")[0] for mark in (REPLACED, REPLACED_IN_PYTHON)]
+    return "; your own: ".join([first, *filter(None, replaced)])

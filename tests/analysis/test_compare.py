@@ -170,7 +170,7 @@ def test_the_section_is_in_the_text_and_the_json(make_cube: Cube) -> None:
     assert [c["fmax"] for c in comparison["cells"]] == [0.41, 1.2, 8.0]
     assert set(comparison["cells"][0]) == {"fmax", *MEASURES}
     assert {c["verdict"] for c in comparison["claims"]} <= {"agrees", "contradicts", "undecided"}
-    text = report.text()
+    text = report.details()
     assert "Compared with group paper" in text
     assert "RMSE lower at 1.2 Hz: " in text
     assert all(len(line) <= 160 for line in text.splitlines())

@@ -144,7 +144,7 @@ def test_a_study_the_paper_says_nothing_about_has_no_accuracy_rows(make_cube: Cu
     report = report_of(tree(mine=make_cube(**settings)))
     keys = {r["key"] for r in report.data["paper"]["rows"]}
     assert not {k for k in keys if k.startswith(("bias", "spread_fmax", "spread_amplitude", "lowest", "starts"))}
-    text = report.text()
+    text = report.details()
     assert "Group mine" in text
     assert "stand-in" in text
 
@@ -154,7 +154,7 @@ def test_what_differs_from_the_default_settings_is_said(make_cube: Cube) -> None
     report = report_of(tree(a=make_cube(model=bounds), b=make_cube()))
     assert report.data["groups"]["a"]["differences"] == ["model.bounds.lower = 0.5"]
     assert report.data["groups"]["b"]["differences"] == []
-    assert "Differs from the default settings in: model.bounds.lower = 0.5" in report.text()
+    assert "Differs from the default settings in: model.bounds.lower = 0.5" in report.details()
 
 
 def test_json_conforms_to_its_schema_and_holds_no_nan(paper_report: Report) -> None:
@@ -196,23 +196,23 @@ def test_an_unfinished_cube_shows_what_it_has(make_cube: Cube, left: int) -> Non
     assert report.data["groups"]["g"]["cells"][0]["realizations"] == {
         "used": left, "not_run": 4 - left, "non_finite": 0, "diverged": 0, "failed": 0,
     }  # fmt: skip
-    assert f"{left}/4" in report.text()
-    assert "pending" in report.text()
+    assert f"{left}/4" in report.details()
+    assert "pending" in report.details()
 
 
 def test_a_failed_fit_is_named_in_the_text(make_cube: Cube) -> None:
     cube = make_cube()
     cube["status"][0, 0, 0, 0] = Status.SOLVER_ERROR
-    assert "1 solver error" in report_of(tree(g=cube)).text()
+    assert "1 solver error" in report_of(tree(g=cube)).details()
 
 
 def test_efficiency_is_that_within_the_box_where_bounds_are_active(make_cube: Cube) -> None:
     cube = make_cube(realizations=4, fmax=(1.2,), amplitude=(3.0,))
-    assert "efficiency 'b'" not in report_of(tree(g=cube)).text()
+    assert "efficiency 'b'" not in report_of(tree(g=cube)).details()
     cube["at_bound"][..., 0] = 1
     report = report_of(tree(g=cube))
-    assert "efficiency 'b': the Cramér-Rao bound does not apply" in report.text()
-    line, of_bounds = [x for x in report.text().splitlines() if x.startswith("K11 ")]
+    assert "efficiency 'b': the Cramér-Rao bound does not apply" in report.details()
+    line, of_bounds = [x for x in report.details().splitlines() if x.startswith("K11 ")]
     assert line.endswith(" b")
     assert " to " in of_bounds
     entry = report.data["groups"]["g"]["cells"][0]["parameters"][0]
@@ -237,13 +237,13 @@ def test_efficiency_is_marked_and_withheld_where_another_parameters_bound_lends_
             assert (found["value"] is not None) is applies, entry["name"]
             assert (found["mcse"] is not None) is applies, entry["name"]
     assert [p["name"] for p in free["parameters"]][-2:] == ["K11+Kpas1", "K22+Kpas2"]
-    text = report.text()
+    text = report.details()
     (line,) = [x for x in text.splitlines() if x.startswith("K11 ")]
     assert line.split().count("b") == 1
 
 
 def test_text_fits_a_terminal(paper_report: Report) -> None:
-    text = paper_report.text()
+    text = paper_report.details()
     head = text[: text.index("Group theory")]
     assert max(map(len, head.splitlines())) <= 118
     assert not any(line.endswith(" ") for line in text.splitlines())

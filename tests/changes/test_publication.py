@@ -32,7 +32,7 @@ import mcstudy as mc
 from mcstudy.cli import main
 
 tree = mc.run("study.toml", "out.zarr", workers=1)
-main(["show", "out.zarr"])
+main(["show", "out.zarr", "--all"])
 main(["report", "out.zarr", "-o", "page.html"])
 print("Somebody 2030" in open("page.html").read() and "fits of every study" in open("page.html").read())
 """

@@ -46,7 +46,7 @@ tree = mc.run("study.toml", "out.zarr", workers=1)
 group = next(iter(tree.children.values()))
 assert "Standard deviation of the cost of the best fits" in group.mc.cost_spread.__doc__
 cells = group.mc.best()
-main(["show", "out.zarr"])
+main(["show", "out.zarr", "--all"])
 main(["report", "out.zarr", "-o", "page.html"])
 data = mc.summary(tree).to_dict()
 (shown,) = [g for g in data["groups"].values()]

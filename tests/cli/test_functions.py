@@ -47,6 +47,7 @@ WORKERS = {
 ELSEWHERE = {
     "infer": "mcstudy_goodworth2018.infer.infer, of the package that adds the verb",
     "models": "mcstudy.models.catalogue",
+    "figure": "mcstudy.report.figures, whose functions draw the panels",
     "help": "about the command line itself",
     "completion": "about the command line itself",
 }

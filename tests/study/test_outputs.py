@@ -62,7 +62,7 @@ def test_outputs_go_through_a_study(simulator: str, tmp_path: Path) -> None:
     theory = covariance_of(cube).values[0]  # without leakage
     np.testing.assert_allclose(np.einsum("nii->ni", theory).real[:, :3] * 25, 3 * variance[:, :3], rtol=0.2)
     assert verify(out).damage == []
-    assert "noise.measurement.sd = [0.02, 0.02, 0.01, 0.5]" in repr(summary(out))
+    assert "noise.measurement.sd = [0.02, 0.02, 0.01, 0.5]" in summary(out).details()
     write_report(out, tmp_path / "page.html")
     assert "centre of mass" in (tmp_path / "page.html").read_text(encoding="utf-8")
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcstudy.analysis.cache import kept
 from mcstudy.analysis.show import SCHEMA
-from mcstudy.analysis.show.text import render
+from mcstudy.analysis.show.answer import answer
+from mcstudy.analysis.show.selection import Selection, selected
+from mcstudy.analysis.show.text import differences, everything, groups, publication, starts
+from mcstudy.errors import InputError
 from mcstudy.files.local_path import local_path
 from mcstudy.files.schema import validate
 from mcstudy.study.cube.replacement import settled
+from mcstudy.text_tables import folded
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,13 +24,39 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Report:
-    """The tables of a cube; ``data`` conforms to ``results_schema/<version>/show.json``."""
+    """The tables of a cube; ``data`` conforms to ``results_schema/<version>/show.json``.
+
+    ``compared``: whether they hold the differences from another cube.
+    """
 
     data: dict[str, Any]
+    compared: bool = False
 
     def text(self) -> str:
-        """Tables for a terminal."""
-        return render(self.data)
+        """The first screen: the differences where studies are compared, else what the study determines."""
+        return differences(self.data) if self.compared else answer(self.data)
+
+    def details(self) -> str:
+        """All tables."""
+        return everything(self.data)
+
+    def groups(self) -> str:
+        """The tables of each group."""
+        return groups(self.data)
+
+    def starts(self) -> str:
+        """How many starts a fit needs in each condition."""
+        return starts(self.data)
+
+    def publication(self) -> str:
+        """The comparison with a publication, statement by statement; raises `InputError` where there is none."""
+        if not self.data["paper"]["rows"]:
+            raise InputError(f"{self.data['study']['title']}: no publication makes statements on this study")
+        return folded(publication(self.data))
+
+    def selected(self, wanted: Selection) -> Report:
+        """The tables of what is wanted; raises `InputError` when something wanted is in none of them."""
+        return replace(self, data=selected(self.data, wanted)) if wanted else self
 
     def json(self) -> str:
         """The same as JSON, validated."""
@@ -51,7 +81,7 @@ def show(path: str | Path, reference: str | Path | None = None) -> Report:
 
     others = [] if reference is None else [str(reference)]
     cubes = [local_path(path), *map(local_path, others)]
-    return Report(settled(cubes, lambda: kept(SCHEMA, cubes, others, compute)))
+    return Report(settled(cubes, lambda: kept(SCHEMA, cubes, others, compute)), reference is not None)
 
 
 def report_of(tree: xr.DataTree, reference: xr.DataTree | None = None, name: str = "the reference") -> Report:
@@ -61,4 +91,4 @@ def report_of(tree: xr.DataTree, reference: xr.DataTree | None = None, name: str
 
     data = show_data(StudyView(tree), None if reference is None else StudyView(reference), name)
     validate(SCHEMA, data, "show")
-    return Report(data)
+    return Report(data, reference is not None)

@@ -16,20 +16,58 @@ from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, 
 _HOW = {True: "paired by realization (same noise)", False: "independent (other seed)"}
 
 
-def render(data: dict[str, Any]) -> str:
+def everything(data: dict[str, Any]) -> str:
     """All tables of a `mcstudy.analysis.show.summary.show_data`."""
     study = data["study"]
     parts = [f"Study {study['title']} (seed {study['seed']}, fingerprint {str(study['fingerprint'])[:12]})"]
-    if left := incomplete(data):
-        parts.append(fill(left))
+    parts += [fill(left)] if (left := incomplete(data)) else []
     for provenance in dict.fromkeys(g["truth_provenance"] for g in data["groups"].values()):
         parts.append(fill(f"True values: {provenance}."))
     if data["paper"]["rows"]:
-        parts.append(_paper(data))
-    parts += [_comparisons(with_it) for with_it in _by_reference(data["comparisons"])]
+        parts.append(publication(data))
+    if data["comparisons"] or data["not_compared"]:
+        parts.append(differences(data))
+    return folded("\n\n".join([*parts, groups(data)]))
+
+
+def differences(data: dict[str, Any]) -> str:
+    """Groups minus their reference, and why others have none."""
+    parts = [_comparisons(with_it) for with_it in _by_reference(data["comparisons"])]
     parts += [f"Group {name} is not compared: {reason}" for name, reason in data["not_compared"].items()]
-    parts += [_group(name, group) for name, group in data["groups"].items()]
     return folded("\n\n".join(parts))
+
+
+def groups(data: dict[str, Any]) -> str:
+    """The tables of each group."""
+    return folded("\n\n".join(_group(name, group) for name, group in data["groups"].items()))
+
+
+def starts(data: dict[str, Any]) -> str:
+    """How many starts a fit needs, in each condition of each group."""
+    rows = [
+        [
+            f"{name}: {condition(cell, group['design'])}",
+            number(cell["hit_rate"], 2),
+            missed_words(cell),
+            *(starts_needed(cell[f"starts_needed_{q}"]) for q in ("90th", "median")),
+        ]
+        for name, group in data["groups"].items()
+        for cell in group["cells"]
+    ]
+    return folded(
+        table(["", "in 9 of 10", "in half", "hit rate", "P(missed) %"], [[r[0], *r[3:], *r[1:3]] for r in rows])
+        + "\n"
+        + fill(
+            "Starts after which 9 of 10, and half, of the realizations are 95 % sure of their lowest minimum [95 % "
+            "interval; -: an end that so few realizations cannot bound]. hit rate: fraction of starts that reach it. "
+            "P(missed): probability that as many new starts would all miss it."
+        )
+    )
+
+
+def condition(cell: dict[str, Any], design: dict[str, Any]) -> str:
+    """Fmax and amplitude of a cell."""
+    return f"{cell['amplitude']:g} {design['amplitude_unit']}, {cell['fmax']:g} Hz"
 
 
 def incomplete(data: dict[str, Any]) -> str:
@@ -72,7 +110,8 @@ def comparison_title(data: dict[str, Any]) -> str:
     return f"Another body compared with that of {name}" if changed else f"Comparison with {name}"
 
 
-def _paper(data: dict[str, Any]) -> str:
+def publication(data: dict[str, Any]) -> str:
+    """The comparison with a publication, statement by statement."""
     paper: dict[str, Any] = data["paper"]
     body, notes = [], []
     for row in paper["rows"]:
@@ -146,33 +185,40 @@ def _claims(comparison: dict[str, Any]) -> str:
 
 
 def _group(name: str, group: dict[str, Any]) -> str:
+    """Numbers first, settings and remarks last; a warning stands above the numbers."""
     d = group["design"]
     runs = counted(d["realizations"], "realization" if d["noise"] else "pool")
-    fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in group["fits"].items() if n)
-    starts = starts_in_words(d["starts"], d.get("until_certain", False))
-    head = (
-        f"Group {name}: {runs} of {starts}; model {d['model']}, cost {d['cost']}, "
-        f"solver {d['solver']},\n    points {d['points']}, ramp {d['ramp']}, amplitude {d['convention']}\nFits: {fits}"
-    )
-    if group["differences"]:
-        differences = f"Differs from the default settings in: {'; '.join(group['differences'])}"
-        head += "\n" + fill(differences, "    ")
-    for note in group["notes"]:
-        head += "\n" + fill(note, "    ")
-    parts = [head, _overview(d, group["cells"])]
-    if d["simulator"] != "none":  # without noise and averaging every bias is rounding
-        by_fmax = [[c for c in group["cells"] if c["fmax"] == f] for f in d["fmax"]]
-        parts += [_parameters(d, cells) for cells in by_fmax]
-        parts += [_on_bounds(d, cells) for cells in by_fmax]
-        parts += [_standard_errors(d, cells) for cells in by_fmax]
+    title = f"Group {name}: {runs} of {starts_in_words(d['starts'], d.get('until_certain', False))}"
+    warnings = [note for note in group["notes"] if note.startswith("Warning")]
+    parts = [title, *map(fill, warnings)]
+    by_fmax = [[c for c in group["cells"] if c["fmax"] == f] for f in d["fmax"]]
+    if d["simulator"] == "none":  # without noise and averaging every bias is rounding
+        by_fmax = []
+    parts += [_parameters(d, cells) for cells in by_fmax]
+    parts.append(_overview(d, group["cells"]))
+    parts += [_on_bounds(d, cells) for cells in by_fmax]
+    parts += [_standard_errors(d, cells) for cells in by_fmax]
+    parts.append("\n".join(fill(line, "    ") for line in _remarks(group) if line not in warnings))
     return "\n\n".join(filter(None, parts))
+
+
+def _remarks(group: dict[str, Any]) -> list[str]:
+    """Settings, how the fits ended, and what must be known of the numbers."""
+    d = group["design"]
+    fits = ", ".join(f"{n} {k.replace('_', ' ')}" for k, n in group["fits"].items() if n)
+    settings = (
+        f"Settings: model {d['model']}, cost {d['cost']}, solver {d['solver']}, points {d['points']}, "
+        f"ramp {d['ramp']}, amplitude {d['convention']}"
+    )
+    own = [f"Differs from the default settings in: {'; '.join(group['differences'])}"] if group["differences"] else []
+    return [settings, f"Fits: {fits}", *own, *group["notes"]]
 
 
 def _count(value: float | None) -> str:
     return "-" if value is None else f"{value:.0f}"
 
 
-def _starts(quantile: dict[str, Any]) -> str:
+def starts_needed(quantile: dict[str, Any]) -> str:
     """A quantile of the starts needed with its interval; - is an end that so few realizations cannot bound."""
     ends = [_count(quantile[end]) for end in ("lower", "upper")]
     return _count(quantile["value"]) + ("" if quantile["value"] is None else f" [{', '.join(ends)}]")
@@ -185,12 +231,12 @@ def _overview(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
         r = cell["realizations"]
         rows.append(
             [
-                f"{cell['amplitude']:g} {design['amplitude_unit']}, {cell['fmax']:g} Hz",
+                condition(cell, design),
                 f"{r['used']}/{sum(r.values())}",
                 *(column for s in shown for column in _columns(s, cell[s.key])),
                 number(cell["hit_rate"], 2),
                 missed_words(cell),
-                *(_starts(cell[f"starts_needed_{q}"]) for q in ("median", "90th")),
+                *(starts_needed(cell[f"starts_needed_{q}"]) for q in ("median", "90th")),
             ]
         )
     heads = [head for s in shown for head in (s.head, *["floor"] * s.floor)]
@@ -238,16 +284,17 @@ def _by_parameter(
     return table([f"{cells[0]['fmax']:g} Hz", *["truth"] * truth, *repeated], rows) if rows else ""
 
 
-def _percent(p: dict[str, Any]) -> float | None:
+def percent_of_truth(p: dict[str, Any]) -> float | None:
     """Factor from the unit of a parameter to percent of its truth."""
     return 100 / abs(p["truth"]) if p["truth"] else None
 
 
-def _with_error(entry: dict[str, Any], scale: float | None = 1.0) -> str:
+def entry_with_error(entry: dict[str, Any], scale: float | None = 1.0) -> str:
+    """A number of the tables with its Monte Carlo error, both times ``scale``; a dash where there is none."""
     return with_error(*(_scaled(entry[k], scale) for k in ("value", "mcse")))
 
 
-def _share_on_bounds(p: dict[str, Any]) -> float | None:
+def share_on_bounds(p: dict[str, Any]) -> float | None:
     """Fraction of the estimates on a bound, where it is known."""
     bounds = [p[f"at_{side}_bound"]["value"] for side in ("lower", "upper") if f"at_{side}_bound" in p]
     return sum(bounds) if bounds and None not in bounds else None
@@ -258,8 +305,13 @@ def _parameters(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
     efficient = set(efficiencies) != {"-"}
 
     def columns(p: dict[str, Any]) -> list[str]:
-        on = number(_scaled(_share_on_bounds(p), 100), 2)
-        return [_with_error(p["bias"], _percent(p)), _with_error(p["cv"]), on, *[_efficiency(p)] * efficient]
+        on = number(_scaled(share_on_bounds(p), 100), 2)
+        return [
+            entry_with_error(p["bias"], percent_of_truth(p)),
+            entry_with_error(p["cv"]),
+            on,
+            *[_efficiency(p)] * efficient,
+        ]
 
     heads = ["bias %", "CV", "on bound %", *["efficiency"] * efficient]
     without, boxed, fixed = "-" in efficiencies, any(s.endswith(_BOX) for s in efficiencies), "fixed" in efficiencies
@@ -275,11 +327,11 @@ def _on_bounds(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
     """Median, MAD and quantiles of the parameters whose estimates are often on a bound; empty if there are none."""
 
     def columns(p: dict[str, Any]) -> list[str]:
-        ends = [number(_scaled(p[f"quantile_{q}"]["value"], _percent(p)), 3) for q in ("05", "95")]
-        return [*(_with_error(p[key], _percent(p)) for key in ("median_bias", "mad")), " to ".join(ends)]
+        ends = [number(_scaled(p[f"quantile_{q}"]["value"], percent_of_truth(p)), 3) for q in ("05", "95")]
+        return [*(entry_with_error(p[key], percent_of_truth(p)) for key in ("median_bias", "mad")), " to ".join(ends)]
 
     heads = ["median bias %", "MAD %", "5 to 95 %"]
-    shown = _by_parameter(design, cells, heads, lambda p: (_share_on_bounds(p) or 0.0) >= OFTEN, columns)
+    shown = _by_parameter(design, cells, heads, lambda p: (share_on_bounds(p) or 0.0) >= OFTEN, columns)
     return shown and shown + (
         "\nEstimates on bounds: median bias and median absolute deviation (MAD), and 5th to 95th percentile, in % of "
         "the truth.\nWhere estimates pile up on two bounds, the mean lies where few are, and the SD is that of the box."
@@ -295,7 +347,7 @@ def _standard_errors(design: dict[str, Any], cells: list[dict[str, Any]]) -> str
 
     def columns(p: dict[str, Any]) -> list[str]:
         shares = [share_with_ends(p[key]) for key in ("coverage", "bias_eliminated_coverage")]
-        return [_with_error(p["se_relative_error"]), *shares, _count(p["coverage"]["used"])]
+        return [entry_with_error(p["se_relative_error"]), *shares, _count(p["coverage"]["used"])]
 
     heads = ["SE off %", "holds truth %", "holds mean %", "of"]
     shown = _by_parameter(design, cells, heads, lambda p: "coverage" in p, columns)

@@ -29,6 +29,7 @@ def add_arguments(parser: Parser) -> None:
         "pipelines/examples/{two_stimuli,population}.py",
     )
     add_out_argument(parser, "PAGE", "page to write; default OUT.html", dest="output")
+    parser.add_argument("--open", action="store_true", help="open the page in the web browser")
 
 
 def main(args: argparse.Namespace) -> Exit:
@@ -36,15 +37,21 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.report.document import page_of
     from mcstudy.report.page import page  # imports what it needs to draw
 
-    return write_and_tell(args.output or page_of(args.out), lambda: page(args.out, args.beside))
+    file = args.output or page_of(args.out)
+    code = write_and_tell(file, lambda: page(args.out, args.beside))
+    if args.open:
+        import webbrowser
+
+        webbrowser.open(file.absolute().as_uri())
+    return code
 
 
 def write_and_tell(file: Path, text: Callable[[], str]) -> Exit:
-    """Write a page, and print how large it is."""
+    """Write a page, and print its address and how large it is."""
     from mcstudy.report.document import write_page
     from mcstudy.scheduler.activity import activity
 
     with activity(f"{file}: computing statistics and drawing figures"):
         written = write_page(file, text)
-    print(f"{file}: {written.stat().st_size / 1e6:.2f} MB")
+    print(f"{written.absolute().as_uri()} ({written.stat().st_size / 1e6:.2f} MB)")
     return Exit.DONE

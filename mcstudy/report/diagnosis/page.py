@@ -89,7 +89,7 @@ def _time(data: GapData) -> Figure | Missing:
     try:
         return time_figure(data, SwayTraces.of(data))
     except InputError as error:
-        return Missing("Sway in time", str(error))
+        return Missing("Sway in time", str(error), "traces")
 
 
 def _introduction(data: GapData) -> Markup:

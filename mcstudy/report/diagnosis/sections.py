@@ -168,7 +168,7 @@ def _closing_figure(d: DiagnosisRecord) -> Figure | Missing:
         )
         call = call or "diagnosis.plot.sway_error()"
     if not panels:
-        return Missing(title, "no cause was added to the model, and the recording has no time series")
+        return Missing(title, "no cause was added to the model, and the recording has no time series", "closed")
     if not numbers.note:
         text.append(share_closed(d) or "No gap was detected, so no effect was added to the model.")
     return Figure("closed", title, text, panels, [page_table(numbers)], python=call)

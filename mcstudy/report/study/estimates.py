@@ -269,7 +269,7 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
     """Efficiency against the Cramér-Rao bound."""
     title = "Efficiency against the Cramér–Rao bound"
     if view.bounds_on_sd is None:
-        return Missing(title, f"group {view.name} has no noise covariance")
+        return Missing(title, f"group {view.name} has no noise covariance", f"efficiency{suffix}")
     result = efficiency_of(view)
     amplitudes = view.cube["amplitude"].values.tolist()
     missing = [
@@ -283,7 +283,8 @@ def efficiency_figure(view: GroupView, suffix: str = "") -> Figure | Missing:
         reason = f"in {every} condition more than 10 % of the fits end on a bound, where it does not apply."
         if len(missing) == len(amplitudes) * result["fmax"].size:
             reason = ""
-        return Missing(f"{title}, group {view.name}", "".join([*missing, reason and f" {reason}"]).strip())
+        why_not = "".join([*missing, reason and f" {reason}"]).strip()
+        return Missing(f"{title}, group {view.name}", why_not, f"efficiency{suffix}")
     ticks = "" if view.group.fit.cost == "ml" else " Vertical ticks: that of the weights of this cost, to first order."
     return Figure(
         f"efficiency{suffix}",

@@ -22,13 +22,9 @@ from mcstudy.report.figure import Figure, Missing, figure, missing
 from mcstudy.report.html import code, details, html, joined, table
 from mcstudy.report.study.comparison import comparison_html
 from mcstudy.report.study.context import Context
-from mcstudy.report.study.estimates import efficiency_figure, estimate_figures, estimates, statistic_figures
+from mcstudy.report.study.items import group_figures, main_figures
 from mcstudy.report.study.model import model_html
 from mcstudy.report.study.overview import overview
-from mcstudy.report.study.pairs import pairs_figure
-from mcstudy.report.study.search import minima_figures, search_figures
-from mcstudy.report.study.signals import signal_figures
-from mcstudy.report.study.standard_errors import zipper_figures
 from mcstudy.report.study.tables import group_overviews, headline, introduction, published_beside
 from mcstudy.study.cube.conversion import structured
 from mcstudy.text_tables import Table
@@ -95,11 +91,7 @@ def _traced(content: Markup) -> Markup:
 
 def _main_figures(context: Context) -> list[Section]:
     """Figures of the study: those that the publication has too, and the others."""
-    main, publication = context.accuracy, context.publication
-    items = [*signal_figures(context), *search_figures(context), *estimate_figures(context)]
-    items += [pairs_figure(context), *minima_figures(context)]
-    if main is not None:
-        items += [efficiency_figure(main), *zipper_figures(main), *statistic_figures(main)]
+    items, publication = main_figures(context), context.publication
     numbered = [f for f in items if publication.counterparts.get(f.key, ALONE).number]
     if not numbered:
         return [("figures", "Figures", _figures(context, items))]
@@ -126,9 +118,7 @@ def _figures(context: Context, items: Sequence[Figure | Missing]) -> Markup:
 
 def _other_groups(context: Context) -> list[Section]:
     out = []
-    for i, view in enumerate(context.others):
-        items = [*estimates(context, view, f"-{i}"), efficiency_figure(view, f"-{i}"), *zipper_figures(view, f"-{i}")]
-        items += statistic_figures(view, f"-{i}")
+    for i, (view, items) in enumerate(group_figures(context)):
         differs = joined(html("<li>{}</li>", d) for d in view.differences)
         intro = differs and html("<p>Differs from the default settings in:</p><ul>{}</ul>", differs)
         out.append((f"group-{i}", f"Group {view.name}", intro + _figures(context, items)))

@@ -25,7 +25,7 @@ def pairs_figure(context: Context) -> Figure | Missing:
     title = "Correlation of the estimates"
     view = context.accuracy
     if view is None:
-        return Missing(title, "no group with noise has more than one realization")
+        return Missing(title, "no group with noise has more than one realization", "pairs")
     a, f = largest_amplitude(view), chosen_fmax(view)
     added = [(m[0], m[1]) for m in sums(view.model).values() if len(m) == 2]
     return Figure(

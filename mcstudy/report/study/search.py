@@ -171,7 +171,7 @@ def _waterfall(context: Context) -> Figure | Missing:
     views = [v for v in dict.fromkeys((context.pools, context.accuracy, context.theory)) if v is not None]
     views = [v for v in views if v.group.starts > 1]
     if not views:
-        return Missing(title, "no group has more than one start")
+        return Missing(title, "no group has more than one start", "waterfall")
     return Figure(
         "waterfall",
         title,
@@ -221,7 +221,7 @@ def _atlas(context: Context) -> Figure | Missing:
     title = "Atlas of local minima"
     view = context.accuracy or context.theory
     if view is None or view.group.starts < 2:
-        return Missing(title, "no group has more than one start")
+        return Missing(title, "no group has more than one start", "atlas")
     amplitude = largest_amplitude(view)
     fmaxes = [f for a, f in conditions(view) if a == amplitude]
     return Figure(
@@ -264,7 +264,7 @@ def _by_starts(context: Context) -> Figure | Missing:
     title = "Bias and CV against the number of starts"
     view = context.accuracy
     if view is None or view.group.starts < 2:
-        return Missing(title, "no group with noise has more than one realization and more than one start")
+        return Missing(title, "no group with noise has more than one realization and more than one start", "bystarts")
     return Figure(
         "bystarts",
         title,
@@ -317,7 +317,7 @@ def one_start(context: Context, key: str = "onestart") -> Figure | Missing:
     title = f"{ONE_START} (study {context.name})"
     views = [v for v in context.held if v.group.starts > 1]
     if not views:
-        return Missing(title, "no group has more than one start")
+        return Missing(title, "no group has more than one start", key)
     rates = {}
     for view in views:
         a = largest_amplitude(view)

@@ -1,4 +1,4 @@
-"""A study in a notebook: the tables of ``mcstudy show``, as a cell shows them."""
+"""A study in a notebook: the first screen of ``mcstudy show``, with its tables below."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from mcstudy.analysis.show.tables import Report
 from mcstudy.report.html import html
 from mcstudy.report.study.context import Context
 from mcstudy.report.study.tables import group_overviews, headline, introduction
+from mcstudy.text_tables import unfolded
 
 _STYLE = (
     ".mcstudy table{border-collapse:collapse;margin:.5em 0}.mcstudy caption{text-align:left;font-weight:600}"
@@ -22,7 +23,7 @@ _STYLE = (
 
 
 class StudySummary:
-    """Tables of a study, as text at a prompt and as HTML in a notebook; `mcstudy.summary` makes one.
+    """What a study says, as text at a prompt and, with its tables, in a notebook; `mcstudy.summary` makes one.
 
     Parameters
     ----------
@@ -38,6 +39,10 @@ class StudySummary:
     def __repr__(self) -> str:
         return self._report.text()
 
+    def details(self) -> str:
+        """All tables as text, what ``mcstudy show OUT --all`` prints."""
+        return self._report.details()
+
     def to_dict(self) -> dict[str, Any]:
         """All numbers as plain JSON data, valid under ``results_schema/2.0.0/show.json``."""
         return self._report.data
@@ -49,5 +54,8 @@ class StudySummary:
 
     def _repr_html_(self) -> str:
         c = self.context
-        parts = introduction(c) + headline(c) + group_overviews(c)
-        return str(html('<div class="mcstudy"><style>{}</style><h2>{}</h2>{}</div>', Markup(_STYLE), c.name, parts))
+        with unfolded():
+            first = self._report.text()
+        tables = introduction(c) + headline(c) + group_overviews(c)
+        folded = html("<details><summary>All tables</summary>{}</details>", tables)
+        return str(html('<div class="mcstudy"><style>{}</style><pre>{}</pre>{}</div>', Markup(_STYLE), first, folded))

@@ -2,7 +2,8 @@
 
 Studies: `Study` (or `read_study`), `plan`, `run`, `open_results`, `summary`; statistics are ``results["group"].mc``.
 Recordings: `read_recording`, `import_recording`, `simulate`, `write_recording`; `fit` gives a person's parameters with
-intervals, `fit_group` those of many people; `diagnose` says what a model lacks; `effects` are what it may lack.
+intervals, `fit_conditions` those in several conditions, `fit_group` those of many people; `diagnose` says what a model
+lacks; `effects` are what it may lack.
 `compare` says what differs between two groups of recordings or of frequency responses (`read_frf_group`).
 """
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from mcstudy.analysis.results import open_results
     from mcstudy.api.compare import compare
+    from mcstudy.api.conditions import fit_conditions
     from mcstudy.api.design import design
     from mcstudy.api.groups import fit_group, study_from
     from mcstudy.api.performance import performance
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from mcstudy.recordings.recording import Recording, Trial
     from mcstudy.recordings.soundness import fill_gaps
     from mcstudy.results.comparison import Comparison
+    from mcstudy.results.conditions import ConditionsResult
     from mcstudy.results.diagnosis import Diagnosis
     from mcstudy.results.fit import FitResult
     from mcstudy.results.group_result import GroupResult
@@ -47,6 +50,7 @@ if TYPE_CHECKING:
 _FROM = {
     "Body": "stance.body",
     "Comparison": "results.comparison",
+    "ConditionsResult": "results.conditions",
     "Derived": "stance.feedback",
     "Diagnosis": "results.diagnosis",
     "Effect": "effect_library.effect",
@@ -72,6 +76,7 @@ _FROM = {
     "extend": "api.cubes",
     "fill_gaps": "recordings.soundness",
     "fit": "api.recordings",
+    "fit_conditions": "api.conditions",
     "fit_group": "api.groups",
     "import_recording": "api.recordings",
     "next_trial": "api.recordings",
@@ -101,6 +106,7 @@ _FROM = {
 __all__ = [
     "Body",
     "Comparison",
+    "ConditionsResult",
     "Derived",
     "Diagnosis",
     "Effect",
@@ -127,6 +133,7 @@ __all__ = [
     "extend",
     "fill_gaps",
     "fit",
+    "fit_conditions",
     "fit_group",
     "import_recording",
     "next_trial",

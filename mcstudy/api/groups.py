@@ -7,6 +7,7 @@ from typing import Any
 
 from mcstudy.api.recordings import RecordingLike
 from mcstudy.files.local_path import local_path
+from mcstudy.identification.conditions.settings import ConditionSettings
 from mcstudy.identification.people.fits import Known, fit_members
 from mcstudy.identification.people.members import members
 from mcstudy.identification.settings import FitSettings
@@ -24,6 +25,8 @@ def fit_group(
     person: Sequence[str],
     condition: Sequence[str] | None = None,
     paired: bool | None = None,
+    per: Sequence[str] = (),
+    shared: Sequence[str] = (),
     effects: Sequence[str] = (),
     quantities: Sequence[str] | Mapping[str, Any] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
@@ -50,6 +53,10 @@ def fit_group(
     paired
         True: every person must be in every condition, and is compared with itself. False: different people. None:
         paired if every person is in every condition, unpaired if nobody is in two.
+    per, shared
+        If one is given, all conditions of a person are fitted at once, as in `fit_conditions`: a parameter of ``per``
+        has a mean for each condition, ``result["Wp_open", "all"]``, and a quantity such as ``"Wp_open - Wp_closed"``
+        is their difference within people.
     effects, quantities, bounds, level, model, fmax, discard, accept, seed
         As in `fit`.
     workers
@@ -82,6 +89,8 @@ def fit_group(
         accept=accept,
         seed=seed,
     )
+    if per or shared:
+        settings = ConditionSettings(**vars(settings), per=per, shared=shared)
     options = ClusterOptions(workers=workers, scheduler=scheduler)
     return GroupResult.of(fit_members(members(known, person, condition), settings, options, pair=paired))
 

@@ -89,9 +89,9 @@ def diagnose(
         accept=accept,
         prior_none=prior_none,
     )
-    read = _read(recording, model)
+    given = read(recording, model)
     compile_kernels(DIAGNOSIS)
-    return Diagnosis.of(diagnose_recordings(read, settings))
+    return Diagnosis.of(diagnose_recordings(given, settings))
 
 
 def next_trial(
@@ -139,9 +139,9 @@ def next_trial(
     settings = DiagnosisSettings(
         fast=True, seed=seed, fmax=fmax, discard=discard, accept=accept, prior_none=prior_none, asked=CAUSE_ONLY
     )
-    read = _read(recording)
+    given = read(recording)
     compile_kernels(DIAGNOSIS)
-    diagnosis = diagnose_recordings(read, settings)
+    diagnosis = diagnose_recordings(given, settings)
     planned = planned_next(diagnosis, kinds, amplitudes, trials=trials, cycles=cycles, seed=seed)
     return NextTrial.of(planned)
 
@@ -215,9 +215,9 @@ def fit(
         accept=accept,
         seed=seed,
     )
-    read = _read(recording, model)
+    given = read(recording, model)
     compile_kernels(PERSON)
-    return FitResult.of(fit_recordings(read, settings))
+    return FitResult.of(fit_recordings(given, settings))
 
 
 def import_recording(
@@ -251,9 +251,10 @@ def import_recording(
     return import_files(given, fields.pop("map", None) if description is None else description, fields).recording
 
 
-def _read(
+def read(
     recording: RecordingLike | Sequence[RecordingLike], model: ModelLike | None = None
 ) -> list[Recording | FrfRecording]:
+    """Recordings from paths or as they are, as ones of a declared model where that is given."""
     given = [recording] if isinstance(recording, RecordingLike) else list(recording)
     declared = model_of(model)
     return [read_recording(r, model=declared) if isinstance(r, str | Path) else of_model(r, declared) for r in given]

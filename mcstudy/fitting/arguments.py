@@ -40,7 +40,7 @@ class Plan(NamedTuple):
     weight: (E, 1 + R + J), coefficient, then weights on the angles and on each of J stimuli.
     sensed, sensed_weight: (S,) int64 and (S, R + J), row and weights of the distinct (row, sense) pairs.
     stimulus: (N,) int64, which of the J stimuli evokes a line.
-    group_delay, group_filters: (G, 2) and (G, 4) int64, as in `mcstudy.stance.feedback.Table`.
+    group_delay, group_filters, group_only: (G, 2), (G, 4) and (G,) int64, as in `mcstudy.stance.feedback.Table`.
     filters: of the model.
     single: (R, W) int64, the parameters that act on one row of the equations of motion alone, by row, filled up with
         -1 to whole tiles. both: (C,) int64, the others, among them all that act on the measured angles.
@@ -60,6 +60,7 @@ class Plan(NamedTuple):
     stimulus: np.ndarray
     group_delay: np.ndarray
     group_filters: np.ndarray
+    group_only: np.ndarray
     filters: Filters
     single: np.ndarray
     both: np.ndarray

@@ -241,6 +241,11 @@ def _groups(plan: Plan, work: Workspace, first, n):
                     re, im = _times(load(w, to + f), load(w, to + F + f), load(w, value), load(w, value + 1))
                     store(w, to + f, re)
                     store(w, to + F + f, im)
+        if plan.group_only[g] >= 0:
+            for f in range(n):
+                if plan.stimulus[first + f] != plan.group_only[g]:  # its terms are not there
+                    store(w, to + f, splat(0.0))
+                    store(w, to + F + f, splat(0.0))
 
 
 @inner(forceinline=True)

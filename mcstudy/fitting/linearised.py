@@ -35,7 +35,7 @@ from mcstudy.fitting.solvers import Options, fit_many
 from mcstudy.fitting.starts import sobol, uniform
 from mcstudy.stance.feedback import Model, Table
 from mcstudy.stance.joint import members
-from mcstudy.stance.response import output_matrices, sensed_stimulus
+from mcstudy.stance.response import output_matrices, present, sensed_stimulus
 
 STOP = np.nan
 POOL = np.array([[STOP, STOP]] * 4 + [[0.5, 0.5]] * 6 + [[1.0, STOP]] * 6)
@@ -83,11 +83,13 @@ class LinearModel:
         filters = _constant_filters(table, s)
         fixed = np.zeros((s.size, R, R + 1), dtype=complex)
         entry, sense, factor = [], [], []
-        sensed = sensed_stimulus(model, s.size)
+        sensed, there = sensed_stimulus(model, s.size), present(model, s.size)
         for e, ((row, order, group, gain, weight), (c, *shares)) in enumerate(
             zip(table.entry, table.weight, strict=True)
         ):
             value = c * s**order
+            if there is not None:
+                value = value * there[group]
             if shares[R] and sensed is not None:
                 value = value * sensed[e]
             for k in table.group_filters[group]:

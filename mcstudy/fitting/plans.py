@@ -12,7 +12,7 @@ from mcstudy.fitting import kernel
 from mcstudy.fitting.arguments import Filters, Plan, Scratch, Workspace
 from mcstudy.fitting.lanes import WIDTH
 from mcstudy.stance.feedback import Model, Table
-from mcstudy.stance.response import sensed_stimulus
+from mcstudy.stance.response import present, sensed_stimulus
 
 CACHE_LINE = 64
 """Bytes."""
@@ -31,9 +31,10 @@ def plan(model: Model, f: np.ndarray) -> Plan:
     R = table.n_rows
     constant = np.zeros((omega.size, 2 * R * (R + 1)))
     at, sensed_drive = model.stimulus_at(omega.size), sensed_stimulus(model, omega.size)
+    there = present(model, omega.size)
     for e in np.flatnonzero(~varies):
-        (row, order, *_), (c, *shares, stimulus) = table.entry[e], table.weight[e]
-        value = c * (1j * omega) ** order
+        (row, order, group, *_), (c, *shares, stimulus) = table.entry[e], table.weight[e]
+        value = c * (1j * omega) ** order * (1.0 if there is None else there[group])
         slots = [*range(2 * R * row, 2 * R * (row + 1), 2), 2 * (R * R + row)]
         drive = -stimulus if sensed_drive is None else -stimulus * sensed_drive[e]
         for slot, factor in zip(slots, (*shares, drive), strict=True):
@@ -69,6 +70,7 @@ def plan(model: Model, f: np.ndarray) -> Plan:
         stimulus=np.zeros(omega.size, dtype=np.int64) if at is None else at,
         group_delay=table.group_delay,
         group_filters=table.group_filters,
+        group_only=table.group_only,
         filters=filters,
         single=single,
         both=both,

@@ -21,7 +21,7 @@ from mcstudy.fitting.problem import Fits, Problem
 from mcstudy.fitting.status import USABLE, Status
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf, frf_jacobian
-from mcstudy.stance.roots import followed, loop_of, slopes
+from mcstudy.stance.roots import followed, loops_of, slopes
 from mcstudy.stance.stability import growth_rate, rightmost_root
 
 Residual = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -41,9 +41,6 @@ SAME = 1e-5
 
 FALLEN, FIRMER = 0.25, 8.0
 """Share to which a round must reduce the largest excess, else the weight of the roots grows by this factor."""
-
-TOGETHER = 128
-"""Fits that are stepped together."""
 
 STILL, IDLE = 0.9, 4
 """A fit whose excess no round of so many brings to this share is held off the margin: nothing stable is near."""
@@ -65,6 +62,12 @@ class _Watch:
     multiplier: np.ndarray
     weight: np.ndarray
 
+    @classmethod
+    def of(cls, loop: Model, margin: float, weight: np.ndarray) -> _Watch:
+        """No roots yet."""
+        nothing = np.zeros((len(weight), WATCHED))
+        return cls(loop, margin, np.full(nothing.shape, np.nan, dtype=complex), nothing, weight.copy())
+
     def excess(self, theta: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (b, K + 1) at parameters (b, P) of fits ``at``, and the roots they are of.
 
@@ -81,7 +84,23 @@ class _Watch:
         beyond[~np.isfinite(worst.real) & ~np.isneginf(worst.real), -1] = np.inf
         return np.sqrt(self.weight[at, None]) * beyond, root
 
-    def take_up(self, at: np.ndarray, root: np.ndarray) -> None:
+    def pulled(self, theta: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The residuals with their derivatives, (b, K + 1, P), at parameters that a step has reached."""
+        beyond, root = self.excess(theta, at)
+        on = np.where(beyond > 0, np.sqrt(self.weight[at, None]), 0.0)
+        change = slopes(self.loop, theta, root) * on[..., None]
+        self._take_up(at, root)
+        return beyond, change
+
+    def update(self, theta: np.ndarray, at: np.ndarray, firmer: np.ndarray) -> None:
+        """New multipliers after a round, and a larger weight of those fits that it did not bring far enough."""
+        beyond, root = self.excess(theta, at)
+        self.multiplier[at] = beyond[:, :-1] / np.sqrt(self.weight[at, None])
+        self._take_up(at, root)
+        self.weight[at[firmer]] *= FIRMER
+        self.multiplier[at[firmer]] /= FIRMER
+
+    def _take_up(self, at: np.ndarray, root: np.ndarray) -> None:
         """Watch the ``root`` (b, K + 1) of fits ``at`` from now on, the last one in place of the one farthest left."""
         self.root[at] = root[:, :-1]
         new = np.flatnonzero(np.isfinite(root[:, -1]) & (root[:, -1].real + self.margin > 0))
@@ -102,35 +121,24 @@ def stabilised(
     -------
     Parameters (B, P), sums of squares (B,), and whether the loop keeps the margin, (B,): `growth_rate` certifies it.
     """
-    B, K = len(starts), WATCHED
-    theta, loop = np.clip(starts, model.lower, model.upper), loop_of(model)
-    every = np.arange(B)
-    cost = (residual(theta, every) ** 2).sum(axis=1)
-    growth = growth_rate(loop, theta)
-    excess = np.maximum(growth + margin, TOUCHING)
-    watch = _Watch(
-        loop,
-        margin + TOUCHING,
-        np.full((B, K), np.nan, dtype=complex),
-        np.zeros((B, K)),
-        np.maximum(cost, np.finfo(float).tiny) / np.maximum(excess, 1.0) ** 2,
-    )
+    B, every = len(starts), np.arange(len(starts))
+    theta = np.clip(starts, model.lower, model.upper)
+    cost, growth = (residual(theta, every) ** 2).sum(axis=1), growth_rate(model, theta)
+    excess, goal = np.maximum(growth + margin, TOUCHING), margin + TOUCHING
+    weight = np.maximum(cost, np.finfo(float).tiny) / np.maximum(excess, 1.0) ** 2
+    watches = [_Watch.of(loop, goal, weight) for loop in loops_of(model)]
     going, idle = np.isfinite(cost) & np.isfinite(growth), np.zeros(B, dtype=int)
     for _ in range(ROUNDS):
         at = np.flatnonzero(going)
         if not at.size:
             break
         before = cost[at]
-        theta[at] = _round(model, residual, linearised, theta, at, watch)
+        theta[at] = _round(model, residual, linearised, theta, at, watches)
         cost[at] = (residual(theta[at], at) ** 2).sum(axis=1)
-        beyond, root = watch.excess(theta[at], at)
-        watch.multiplier[at] = beyond[:, :-1] / np.sqrt(watch.weight[at, None])
-        watch.take_up(at, root)
-        growth[at] = growth_rate(loop, theta[at])
-        now = np.maximum(growth[at] + watch.margin, 0.0)
-        firmer = now > np.maximum(FALLEN * excess[at], TOUCHING / 2)
-        watch.weight[at[firmer]] *= FIRMER
-        watch.multiplier[at[firmer]] /= FIRMER
+        growth[at] = growth_rate(model, theta[at])
+        now = np.maximum(growth[at] + goal, 0.0)
+        for watch in watches:
+            watch.update(theta[at], at, now > np.maximum(FALLEN * excess[at], TOUCHING / 2))
         idle[at] = np.where(now > STILL * excess[at], idle[at] + 1, 0)
         excess[at] = now
         settled = (growth[at] <= -margin) & (np.abs(cost[at] - before) <= SETTLED * before)
@@ -139,20 +147,19 @@ def stabilised(
 
 
 def _round(
-    model: Model, residual: Residual, linearised: Linearised, theta: np.ndarray, at: np.ndarray, watch: _Watch
+    model: Model, residual: Residual, linearised: Linearised, theta: np.ndarray, at: np.ndarray, watches: list[_Watch]
 ) -> np.ndarray:
     """Parameters (b, P) of fits ``at`` with the lowest sum of squares and of the residuals of their roots."""
 
     def whole(q: np.ndarray, which: np.ndarray) -> np.ndarray:
-        return np.concatenate([residual(q, at[which]), watch.excess(q, at[which])[0]], axis=1)
+        return np.concatenate([residual(q, at[which]), *(w.excess(q, at[which])[0] for w in watches)], axis=1)
 
     def with_slopes(q: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        beyond, root = watch.excess(q, at[which])
+        pulled = [w.pulled(q, at[which]) for w in watches]
         r, J = linearised(q, at[which])
-        pulled = np.where(beyond > 0, np.sqrt(watch.weight[at[which], None]), 0.0)
-        change = slopes(watch.loop, q, root) * pulled[..., None]
-        watch.take_up(at[which], root)
-        return np.concatenate([r, beyond], axis=1), np.concatenate([J, change], axis=1)
+        return np.concatenate([r, *(p[0] for p in pulled)], axis=1), np.concatenate(
+            [J, *(p[1] for p in pulled)], axis=1
+        )
 
     return minimised(whole, with_slopes, theta[at], model.lower, model.upper, ITERATIONS, ROUGH)[0]
 
@@ -164,13 +171,12 @@ def stable_ends(problems: Sequence[Problem], assignment: np.ndarray, fits: Fits,
     """
     model = problems[0].model
     usable = np.flatnonzero(np.isin(fits.status, USABLE))
-    unstable = usable[~(growth_rate(loop_of(model), fits.estimate[usable]) <= -margin)]
-    for first in range(0, unstable.size, TOGETHER):
-        at = unstable[first : first + TOGETHER]
-        squares = Squares.of([problems[k] for k in assignment[at]])
-        theta, cost, held = stabilised(model, squares.residual, squares.linearised, fits.estimate[at], margin)
+    unstable = usable[~(growth_rate(model, fits.estimate[usable]) <= -margin)]
+    for m in unstable:  # one by one: what fits share a call must not show in their bits
+        squares = Squares.of([problems[assignment[m]]])
+        theta, cost, held = stabilised(model, squares.residual, squares.linearised, fits.estimate[[m]], margin)
         status = np.where(held, Status.CONVERGED, Status.UNSTABLE)
-        fits.put(at, Fits.of(model, theta, np.where(held, cost, np.nan), status, fits.iterations[at]))
+        fits.put(m[None], Fits.of(model, theta, np.where(held, cost, np.nan), status, fits.iterations[[m]]))
     return fits
 
 

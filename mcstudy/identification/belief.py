@@ -75,7 +75,8 @@ def with_effects(
 ) -> WithEffects:
     """The comparison; ``models`` and their ``minima`` without and with the ``effects``."""
     factor = _evidence(test, minima[1], effects).log_evidence - test.fit.best.log_evidence
-    unseen = unseen_cycles(lines, models, minima)
+    fitters = [Fitter(m, without_prior(m, models[0]), lines.f) for m in models]
+    unseen = unseen_cycles(lines, fitters, minima)
     return WithEffects(tuple(effects), float(factor), *(unseen or (None, None)))
 
 
@@ -89,14 +90,13 @@ def _evidence(test: GapTest, minima: Minima, effects: Sequence[str]) -> Hypothes
     return together(fit.best, fit.data, tuple(effects), starts)  # type: ignore[arg-type]
 
 
-def unseen_cycles(
-    lines: Lines, models: tuple[Model, Model], minima: tuple[Minima, Minima]
-) -> tuple[float, float] | None:
+def unseen_cycles(lines: Lines, fitters: Sequence[Fitter], minima: Sequence[Minima]) -> tuple[float, float] | None:
     """Squared residual of unseen cycles, first minus second model, and its standard error; None for one repeat.
 
-    Both models are fitted to every second repeat and judged on the others, and the other way round.
+    Both models, each with its ``fitters`` and ``minima``, are fitted to every second repeat and judged on the others,
+    and the other way round.
     """
-    if len(lines.repeats) < 2:
+    if min(len(part.repeats) for part in lines.parts) < 2:
         return None
     order = np.lexsort((lines.cycle, lines.trial))
     even = np.zeros(order.size, dtype=bool)
@@ -104,7 +104,7 @@ def unseen_cycles(
     difference, variance = 0.0, 0.0
     for seen in (even, ~even):
         seen_data, unseen_data = Data.of(lines.subset(seen)), Data.of(lines.subset(~seen))
-        fitted = [_refitted(m, models[0], k, seen_data) for m, k in zip(models, minima, strict=True)]
+        fitted = [_refitted(m, k, seen_data) for m, k in zip(fitters, minima, strict=True)]
         left = [whiten(unseen_data.weight, unseen_data.y - H) for H in fitted]
         apart = left[0] - left[1]
         difference += float(left[0] @ left[0] - left[1] @ left[1])
@@ -112,7 +112,6 @@ def unseen_cycles(
     return difference, float(np.sqrt(variance))
 
 
-def _refitted(model: Model, base: Model, minima: Minima, data: Data) -> np.ndarray:
-    """FRFs (N, 2) of the best fit to ``data`` from the lowest minima; ``base``: ``model`` without effects."""
-    fitter = Fitter(model, without_prior(model, base), data.f)
-    return frf(model, fitter.best(data, minima.theta[:LEADING]).theta, data.f)
+def _refitted(fitter: Fitter, minima: Minima, data: Data) -> np.ndarray:
+    """FRFs (N, Y) of the best fit to ``data`` from the lowest minima."""
+    return frf(fitter.model, fitter.best(data, minima.theta[:LEADING]).theta, data.f)

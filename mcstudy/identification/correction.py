@@ -13,7 +13,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import fdtri
+from scipy.special import fdtrc, fdtri
 
 from mcstudy.fitting.small_linear import likelihood_ratios
 from mcstudy.spectra.line_noise import LineNoise
@@ -91,21 +91,71 @@ def correction(jacobian: np.ndarray, gradients: np.ndarray, draws: Draws) -> Cor
     K = len(gradients)
     factor, dof = np.ones(K), np.full(K, KNOWN_DOF)
     free = np.flatnonzero(gradients.any(axis=1))  # the others are held by bounds at the estimate
-    outputs = 2 * draws.precision.shape[1] // len(jacobian)
-    J = jacobian.reshape(2, -1, outputs, jacobian.shape[1])
-    J = (J[0] + 1j * J[1]) / np.sqrt(2)  # (N, Y, F)
-    products = _products(J)
-    one = np.tile(np.arange(outputs**2) < outputs, len(J)).astype(float)[None]
-    known = _linear_fits(J, one @ products, draws.exact, draws.exact_deviance, gradients[free])
+    known, estimated = _both_fits(jacobian, gradients[free], draws)
     if draws.known:
         return Correction(factor, dof, known.chi2)
-    estimated = _linear_fits(J, draws.precision @ products, draws.pulled, draws.deviance, gradients[free])
     # Both ratios share the errors, so the difference of their means is known far better than either.
     factor[free] += np.maximum((estimated.ratio - known.ratio).mean(axis=0), 0.0)
     stated = estimated.variance / known.variance
     spread = stated.var(axis=0) / stated.mean(axis=0) ** 2
     dof[free] = np.clip(2.0 / spread, LEAST_DOF, KNOWN_DOF)
     return Correction(factor, dof, estimated.chi2)
+
+
+@dataclass(frozen=True)
+class Nested:
+    """Twice the log likelihood ratio of two nested models: ``more`` ``factor`` F(``more``, ``dof``) if both are true.
+
+    Attributes
+    ----------
+    more: parameters that one has more. factor, dof: as in `Correction`. null_chi2: (D,) deviances of the larger model.
+    """
+
+    more: int
+    factor: float
+    dof: float
+    null_chi2: np.ndarray
+
+    def p_value(self, ratio: float) -> float:
+        """Chance of a larger ratio where the smaller model is true."""
+        return float(fdtrc(self.more, self.dof, max(ratio, 0.0) / (self.more * self.factor)))
+
+
+def nested(jacobian: np.ndarray, shared: np.ndarray, draws: Draws) -> Nested:
+    """What an estimated covariance does to the likelihood ratio of two nested models.
+
+    Both moments of the ratio are those of fits to the draws, relative to fits to the same errors with the true
+    covariance, whose ratio is chi-squared.
+
+    Parameters
+    ----------
+    jacobian: (2 N Y, F) whitened derivatives by the free parameters of the larger model, at the smaller one's estimate.
+    shared: (F, S) derivative of these by the free parameters of the smaller model.
+    """
+    more = int(shared.shape[0] - shared.shape[1])
+    pairs = [_both_fits(J, np.empty((0, J.shape[1])), draws) for J in (jacobian @ shared, jacobian)]
+    known, estimated = ((small.chi2 - large.chi2) for small, large in zip(*pairs, strict=True))
+    if draws.known:
+        return Nested(more, 1.0, KNOWN_DOF, pairs[1][0].chi2)
+    factor = 1 + max(float((estimated - known).mean()) / more, 0.0)
+    # Of an F distribution, variance over squared mean is that of chi-squared times (more + dof - 2) / (dof - 4).
+    spread = (estimated.var() / known.var()) * (known.mean() / estimated.mean()) ** 2
+    dof = (more - 2 + 4 * spread) / (spread - 1) if spread > 1 else KNOWN_DOF
+    dof = float(np.clip(dof, LEAST_DOF, KNOWN_DOF))
+    return Nested(more, factor * (dof - 2) / dof, dof, pairs[1][1].chi2)
+
+
+def _both_fits(jacobian: np.ndarray, gradients: np.ndarray, draws: Draws) -> tuple[_Linear, _Linear]:
+    """Linear fits to the errors of all draws with the true and with each estimated precision; gradients (K, F)."""
+    outputs = 2 * draws.precision.shape[1] // len(jacobian)
+    J = jacobian.reshape(2, -1, outputs, jacobian.shape[1])
+    J = (J[0] + 1j * J[1]) / np.sqrt(2)  # (N, Y, F)
+    products = _products(J)
+    one = np.tile(np.arange(outputs**2) < outputs, len(J)).astype(float)[None]
+    known = _linear_fits(J, one @ products, draws.exact, draws.exact_deviance, gradients)
+    if draws.known:
+        return known, known
+    return known, _linear_fits(J, draws.precision @ products, draws.pulled, draws.deviance, gradients)
 
 
 class _Linear(NamedTuple):

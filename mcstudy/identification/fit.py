@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +31,7 @@ from mcstudy.recordings.joint_recording import AnyRecording
 from mcstudy.recordings.recording import Recording
 from mcstudy.spectra.lines import Lines
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import copies, split
 from mcstudy.stance.response import frf
 from mcstudy.stance.stability import growth_rate
 from mcstudy.streams import stream
@@ -42,11 +43,11 @@ def fit(recordings: AnyRecording | Sequence[Recording | FrfRecording], settings:
     Raises `RecordingError` for a recording that cannot be analysed, `InputError` for a wrong quantity, bound or effect.
     """
 
-    def searched(checked: CheckedRecording) -> _BestFit:
-        return _searched(checked.lines, checked.nominal, settings, checked.recording.name)
+    def best_of(checked: CheckedRecording) -> BestFit:
+        return searched(checked.lines, checked.nominal, settings, checked.recording.name)
 
-    checked, best = settled(recordings, settings, searched)
-    result = _with_intervals(replace(best, lines=checked.lines), settings, checked.recording.name)
+    checked, best = settled(recordings, settings, best_of)
+    result = with_intervals(replace(best, lines=checked.lines), settings, checked.recording.name)
     result = replace(
         result,
         recording=checked.recording,
@@ -72,11 +73,11 @@ def fit_lines(
     nominal: model with values of the order of magnitude of a person's.
     curve: see `mcstudy.identification.profile.profiles`. draws: for the correction, where many recordings share them.
     """
-    return _with_intervals(_searched(lines, nominal, settings, name), settings, name, curve, draws)
+    return with_intervals(searched(lines, nominal, settings, name), settings, name, curve, draws)
 
 
 @dataclass(frozen=True)
-class _BestFit:
+class BestFit:
     """What the search of the lowest minimum found.
 
     ``model`` is ``nominal`` with effects and bounds, ``quantities`` are those whose intervals are wanted.
@@ -96,8 +97,12 @@ class _BestFit:
         return self.minima.theta[0]
 
 
-def _searched(lines: Lines, nominal: Model, settings: FitSettings, name: str) -> _BestFit:
-    model = bounded(apply(nominal, *settings.effects), nominal, settings.bounds or {})
+def searched(lines: Lines, nominal: Model, settings: FitSettings, name: str, separate: Collection[str] = ()) -> BestFit:
+    """The lowest minimum of the fit of measured lines.
+
+    ``separate``: parameters that have a value in each of several conditions. Raises `RecordingError` for too few lines.
+    """
+    model, nominal = fitted_model(nominal, settings, separate), split(nominal, separate)
     numbers = 2 * (lines.noise.measured or lines.y.shape[1])  # of one line
     if numbers * len(lines) <= len(model.parameters):
         raise RecordingError(
@@ -105,11 +110,20 @@ def _searched(lines: Lines, nominal: Model, settings: FitSettings, name: str) ->
         )
     data, wanted = Data.of(lines), quantities(model, settings.quantities)
     fitter = Fitter(model, without_prior(model, nominal), lines.f)
-    return _BestFit(lines, nominal, model, data, fitter, search(fitter, data, settings.seed), wanted)
+    return BestFit(lines, nominal, model, data, fitter, search(fitter, data, settings.seed), wanted)
 
 
-def _with_intervals(
-    best: _BestFit, settings: FitSettings, name: str, curve: Sequence[float] = CURVE, draws: Draws | None = None
+def fitted_model(nominal: Model, settings: FitSettings, separate: Collection[str] = ()) -> Model:
+    """``nominal`` with effects and bounds; bounds of a parameter hold of its ``separate`` copies, too."""
+    whole, given = apply(nominal, *settings.effects), settings.bounds or {}
+    names = copies(whole, separate)
+    both = {copy: given[name] for name, at in names.items() if name in given for copy in at.values()}
+    both |= {name: ends for name, ends in given.items() if name not in names}
+    return bounded(split(whole, separate), split(nominal, separate), both)
+
+
+def with_intervals(
+    best: BestFit, settings: FitSettings, name: str, curve: Sequence[float] = CURVE, draws: Draws | None = None
 ) -> FitRecord:
     """The estimates at the lowest minimum, with profile likelihood intervals."""
     lines, model, data, minima, theta = best.lines, best.model, best.data, best.minima, best.theta

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 from mcstudy.errors import InputError, RecordingError
 from mcstudy.lines.labels import merged, plausibility, refuse
@@ -141,8 +142,8 @@ def _measured(recording: AnyRecording, settings: LineSettings, discard: Discard)
     """The recording with what is suspected of it, and its lines."""
     if isinstance(recording, JointRecording):
         measured = [_measured(part, settings, discarded(discard, k)) for k, part in enumerate(recording.parts)]
-        parts = tuple(part for part, _ in measured if isinstance(part, Recording))
-        return JointRecording(parts), joined([lines for _, lines in measured])
+        parts = tuple(cast(Recording, part) for part, _ in measured)
+        return replace(recording, parts=parts), joined([lines for _, lines in measured])
     discard = discarded(discard, 0)
     if isinstance(recording, FrfRecording):
         lines = measure(recording, settings.fmax, discard)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
-from mcstudy.errors import RecordingError
+from mcstudy.errors import ModelError, RecordingError
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.recording import Recording, Suspicion
 from mcstudy.short_repr import Summary, shortened
@@ -71,12 +71,60 @@ class JointRecording(Summary):
 
     @property
     def suspicions(self) -> tuple[Suspicion, ...]:
-        """Those of all parts."""
-        return tuple(dict.fromkeys(s for p in self.parts for s in p.suspicions))
+        """Those of all parts; a published response has none."""
+        return tuple(dict.fromkeys(s for p in self.parts for s in getattr(p, "suspicions", ())))
 
     def base_model(self, lines: Sequence[int]) -> Model:
         """The model on this body under all stimuli, with so many ``lines`` of each part; see `Recording.base_model`."""
         return joined([p.base_model() for p in self.parts], lines)
+
+
+@dataclass(frozen=True, repr=False)
+class ConditionsRecording(JointRecording):
+    """Recordings or published responses of one person in several conditions, each a part of its own.
+
+    Attributes
+    ----------
+    names
+        Of the conditions, in the order of the parts.
+
+    Raises
+    ------
+    RecordingError
+        The parts are of different bodies, or some of them alone hold the outputs of a declared model.
+    """
+
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        first, *rest = self.parts
+        for r in rest:
+            if first.columns.outputs != r.columns.outputs:
+                raise RecordingError(
+                    f"{r.name}: expected {first.columns.names} as in {first.name}, got {r.columns.names}"
+                )
+            if first.model is None:
+                refuse_other_body(first, r)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The names of the conditions."""
+        return self.names
+
+    def base_model(self, lines: Sequence[int]) -> Model:
+        """The model of all conditions, whose parameters are shared; its blocks have the names of the conditions.
+
+        Nominal values and bounds are those of the first recording that has the parameter. Raises `RecordingError` where
+        the models of two conditions have different loops.
+        """
+        models = [p.base_model() for p in self.parts]
+        first = {p.name: p for m in reversed(models) for p in m.parameters}
+        try:
+            model = joined([replace(m, parameters=tuple(first[n] for n in m.names)) for m in models], lines)
+        except ModelError as error:
+            raise RecordingError(f"{self.name}: {error}") from None
+        blocks = tuple(replace(b, name=name) for b, name in zip(model.blocks, self.names, strict=True))
+        return replace(model, blocks=blocks)
 
 
 AnyRecording = Recording | FrfRecording | JointRecording

@@ -5,12 +5,13 @@ from __future__ import annotations
 from functools import cached_property
 
 from mcstudy.identification import words
+from mcstudy.identification.conventions import comparison
 from mcstudy.identification.estimate import with_unit
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.report.person.plots import FitPlots
 from mcstudy.results.record import PagedResult
 from mcstudy.short_repr import shortened
-from mcstudy.text_tables import p_words
+from mcstudy.text_tables import Table, p_words
 
 
 class FitResult(PagedResult, FitRecord):
@@ -29,6 +30,16 @@ class FitResult(PagedResult, FitRecord):
     def text(self) -> str:
         """What `mcstudy fit` prints."""
         return words.text(self)
+
+    def conventions(self) -> Table:
+        """Estimates beside those that three publications would state, as a table for a notebook, or its ``text()``.
+
+        Raises
+        ------
+        InputError
+            The fit is of several stimuli or conditions.
+        """
+        return comparison(self)
 
     @cached_property
     def plot(self) -> FitPlots:

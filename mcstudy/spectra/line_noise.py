@@ -34,7 +34,9 @@ class LineNoise(Summary):
     @classmethod
     def joined(cls, parts: Sequence[LineNoise]) -> LineNoise:
         """The noise of independent recordings, line after line."""
-        return cls(np.concatenate([p.C for p in parts]), np.concatenate([p.dof for p in parts]), parts=tuple(parts))
+        C, dof = np.concatenate([p.C for p in parts]), np.concatenate([p.dof for p in parts])
+        measured = {p.measured for p in parts}
+        return cls(C, dof, parts=tuple(parts), measured=measured.pop() if len(measured) == 1 else None)
 
     @property
     def known(self) -> bool:

@@ -52,6 +52,8 @@ def highest(recording: Recording | FrfRecording | JointRecording, fmax: float | 
         return fmax
     if isinstance(recording, FrfRecording):
         return float(recording.f[-1])
+    if isinstance(recording, JointRecording):
+        return max(highest(part, None) for part in recording.parts)
     if isinstance(recording, Recording) and recording.model is not None:
         return recording.rate_hz / SAMPLES_OF_DECLARED
     return FMAX_HZ

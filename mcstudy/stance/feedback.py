@@ -155,6 +155,9 @@ class Term:
     late
         Name of the parameter that holds a further delay in s, added to ``delay`` (of a stimulus that arrives late), or
         None.
+    only
+        Position of the block in whose lines alone the term is there, because the loop differs between recordings; None
+        for a term that is there in all.
     """
 
     row: str
@@ -167,6 +170,7 @@ class Term:
     noisy: bool = False
     stimulus: int = 0
     late: str | None = None
+    only: int | None = None
 
     def __post_init__(self) -> None:
         for names in ("gain", "filters"):
@@ -396,6 +400,8 @@ class Model:
         if term.row not in self.rows:
             raise ModelError(f"{where}: row must be one of {self.rows}")
         self._check_signal(term, where)
+        if term.only is not None and not 0 <= term.only < len(self.blocks):
+            raise ModelError(f"{where}: unknown block {term.only}")
         if len(term.gain) > 2:
             raise ModelError(f"{where}: at most two gains may multiply, got {term.gain}")
         for unknown in {*term.gain, *term.all_delays} - known:
@@ -481,6 +487,11 @@ class Model:
             raise ModelError(f"model {self.name}: expected the {sum(lines)} lines of its stimuli, got {n} frequencies")
         return np.repeat(np.arange(len(lines)), lines)
 
+    @cached_property
+    def loops_differ(self) -> bool:
+        """Whether the loop, not only the stimulus, differs between the blocks (`Term.only`)."""
+        return any(t.only is not None for t in self.terms)
+
     @property
     def units(self) -> tuple[str, ...]:
         """Parameter units, shape (P,)."""
@@ -516,14 +527,14 @@ class Model:
 
     def with_values(self, values: Mapping[str, float]) -> Model:
         """This model with other nominal values (bounds unchanged); raises `ModelError` on an unknown name."""
-        self._check_names(values)
+        self.check_names(values)
         parameters = tuple(replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
         replaced = [p.name for p in self.parameters if values.get(p.name, p.value) != p.value]
         return replace(self, parameters=parameters, provenance=with_replaced(self.provenance, replaced, self.names))
 
     def with_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> Model:
         """This model with other bounds; raises `ModelError` on an unknown name or a value left outside."""
-        self._check_names(bounds)
+        self.check_names(bounds)
         return replace(
             self,
             parameters=tuple(
@@ -548,7 +559,8 @@ class Model:
             filters=(*self.filters, *filters),
         )
 
-    def _check_names(self, names: Iterable[str]) -> None:
+    def check_names(self, names: Iterable[str]) -> None:
+        """Raise `ModelError` for a name that is no parameter."""
         for name in names:
             if name not in self.names:
                 raise ModelError(f"unknown parameter {name!r}; the model has {', '.join(self.names)}")
@@ -563,8 +575,8 @@ class Model:
 class Table:
     """A `Model` as arrays, for the code that evaluates it. E terms, G groups, F filters, M monomials.
 
-    A *group* is a distinct (delays, filters) pair; terms of one group share the factor exp(-delay s) * filters(s),
-    with the sum of its delays.
+    A *group* is a distinct (delays, filters, block) triple; terms of one group share the factor exp(-delay s) *
+    filters(s), with the sum of its delays, which is zero at the lines of other blocks where the group is of one alone.
 
     Attributes
     ----------
@@ -575,6 +587,7 @@ class Table:
     stimulus: (E,) int64 - which stimulus it senses, if it senses one.
     group_delay: (G, 2) int64 - parameter indices of the delays, -1 none; the second only where there is a first.
     group_filters: (G, 4) int64 - filter indices, -1 none.
+    group_only: (G,) int64 - the block in whose lines alone its terms are there, -1 all.
     monomial: (M, 6) int64 - filter, 0 numerator / 1 denominator, order, power of the second parameter,
         first parameter, second parameter (-1 none); the first parameter's power is in ``monomial_power``.
     monomial_power: (M,) int64 - power of the first parameter.
@@ -592,6 +605,7 @@ class Table:
     stimulus: np.ndarray
     group_delay: np.ndarray
     group_filters: np.ndarray
+    group_only: np.ndarray
     monomial: np.ndarray
     monomial_power: np.ndarray
     monomial_coefficient: np.ndarray
@@ -608,18 +622,19 @@ class Table:
         terms = list(model.terms)
         if model.padded:
             terms.append(Term(model.rows[0], model.angles[1]))
-        groups: dict[tuple[tuple[int, ...], tuple[int, ...]], int] = {}
+        groups: dict[tuple[tuple[int, ...], tuple[int, ...], int], int] = {}
         entry, weight, noisy = [], [], []
         for term in terms:
             delays = [index[name] for name in term.all_delays] + [-1, -1]
-            key = (tuple(delays[:2]), tuple(filter_index[f] for f in term.filters))
+            only = -1 if term.only is None else term.only
+            key = (tuple(delays[:2]), tuple(filter_index[f] for f in term.filters), only)
             group = groups.setdefault(key, len(groups))
             gains = [index[g] for g in term.gain] + [-1, -1]
             entry.append((model.rows.index(term.row), term.order, group, gains[0], gains[1]))
             weight.append((term.coefficient, *model.senses[term.sense]))
             noisy.append(term.noisy)
         group_filters = np.full((len(groups), 4), -1, dtype=np.int64)
-        for (_, members), g in groups.items():
+        for (_, members, _), g in groups.items():
             if len(members) > 4:
                 raise ModelError(f"model {model.name}: a term may pass through at most four filters")
             group_filters[g, : len(members)] = members
@@ -640,8 +655,9 @@ class Table:
             weight=np.array(weight, dtype=np.float64).reshape(-1, model.n_rows + 2),
             noisy=np.array(noisy, dtype=bool),
             stimulus=np.array([t.stimulus for t in terms], dtype=np.int64),
-            group_delay=np.array([d for d, _ in groups], dtype=np.int64).reshape(-1, 2),
+            group_delay=np.array([d for d, _, _ in groups], dtype=np.int64).reshape(-1, 2),
             group_filters=group_filters,
+            group_only=np.array([only for _, _, only in groups], dtype=np.int64),
             monomial=np.array(monomial, dtype=np.int64).reshape(-1, 6),
             monomial_power=np.array(power, dtype=np.int64),
             monomial_coefficient=np.array(coefficient, dtype=np.float64),

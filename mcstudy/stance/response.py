@@ -57,8 +57,9 @@ def _filter_slopes(
     return numerator / denominator, log_slopes
 
 
-def _group_values(table: Table, theta: np.ndarray, s: np.ndarray, filters: np.ndarray) -> np.ndarray:
-    """exp(-delay s) * filters(s) per group, (..., G, N)."""
+def _group_values(model: Model, theta: np.ndarray, s: np.ndarray, filters: np.ndarray) -> np.ndarray:
+    """exp(-delay s) * filters(s) per group, (..., G, N); zero at lines where its terms are not there."""
+    table = model.table
     out = np.ones((*theta.shape[:-1], len(table.group_delay), s.shape[-1]), dtype=complex)
     for g, delays in enumerate(table.group_delay):
         for delay in delays[delays >= 0]:
@@ -66,7 +67,14 @@ def _group_values(table: Table, theta: np.ndarray, s: np.ndarray, filters: np.nd
         for k in table.group_filters[g]:
             if k >= 0:
                 out[..., g, :] *= filters[..., k, :]
-    return out
+    there = present(model, s.shape[-1])
+    return out if there is None else out * there
+
+
+def present(model: Model, n: int) -> np.ndarray | None:
+    """(G, n), 1 where the terms of a group are there, else 0; None where all loops are the same."""
+    at, only = model.stimulus_at(n) if model.loops_differ else None, model.table.group_only[:, None]
+    return None if at is None else ((only < 0) | (only == at)).astype(float)
 
 
 def sensed_stimulus(model: Model, n: int) -> np.ndarray | None:
@@ -81,7 +89,7 @@ def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, 
     A joint model (`mcstudy.stance.joint`) has the b(s) of each line's own stimulus.
     """
     table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
-    return _system(model, theta, s, _group_values(table, theta, s, _filter_values(table, theta, s)))
+    return _system(model, theta, s, _group_values(model, theta, s, _filter_values(table, theta, s)))
 
 
 def _system(model: Model, theta: np.ndarray, s: np.ndarray, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -161,7 +169,7 @@ def frf_jacobian(model: Model, theta: np.ndarray, f: np.ndarray) -> tuple[np.nda
     """
     table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
     filters, log_slopes = _filter_slopes(table, theta, s)
-    groups = _group_values(table, theta, s, filters)
+    groups = _group_values(model, theta, s, filters)
     A, b = _system(model, theta, s, groups)
     inverse = np.linalg.inv(A)
     H = np.einsum("...ij,...j->...i", inverse, b)
@@ -225,7 +233,7 @@ def _force_slopes(
 def force_slopes(model: Model, theta: np.ndarray, s: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """(dA/dtheta) q of given ``angles`` q (..., N, R) of a loop without stimulus, (row, P, ..., N)."""
     filters, log_slopes = _filter_slopes(model.table, theta, s)
-    return _force_slopes(model, theta, s, angles, _group_values(model.table, theta, s, filters), log_slopes)
+    return _force_slopes(model, theta, s, angles, _group_values(model, theta, s, filters), log_slopes)
 
 
 def noise_response(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:
@@ -243,7 +251,7 @@ def noise_response(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray
 def active(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
     """The noisy (active, delayed) part of A(s), shape (..., N, R, R)."""
     table, theta, s = model.table, np.asarray(theta), np.asarray(s, dtype=complex)
-    groups = _group_values(table, theta, s, _filter_values(table, theta, s))
+    groups = _group_values(model, theta, s, _filter_values(table, theta, s))
     N, gains = np.zeros((*theta.shape[:-1], s.size, model.n_rows, model.n_rows), dtype=complex), table.gains(theta)
     for e, (row, order, group, _, _) in enumerate(table.entry):
         if table.noisy[e]:
@@ -260,7 +268,7 @@ def neural_controllers(model: Model, theta: np.ndarray, f: np.ndarray) -> np.nda
     every term that carries a gain and is neither inertia, gravity nor stimulus (Goodworth & Peterka 2018, Methods).
     """
     table, theta, s = model.table, np.asarray(theta), 2j * np.pi * np.asarray(f, dtype=float)
-    groups = _group_values(table, theta, s, _filter_values(table, theta, s))
+    groups = _group_values(model, theta, s, _filter_values(table, theta, s))
     NC, gains = np.zeros((*theta.shape[:-1], s.size, model.n_rows, model.n_rows), dtype=complex), table.gains(theta)
     for e, (row, order, group, g1, _) in enumerate(table.entry):
         if g1 >= 0 and table.weight[e, -1] == 0:

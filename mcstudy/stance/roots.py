@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import members
 from mcstudy.stance.response import force_slopes, system
 
 STEP = 1e-6
@@ -23,15 +24,16 @@ STEPS, FOLLOWED = 12, 1e-9
 """Most steps of Newton's method, and the last one, relative to 1 + |s|, of a root that was followed."""
 
 
-def loop_of(model: Model) -> Model:
-    """The model without stimuli and outputs, which has the same roots."""
-    return replace(model, terms=tuple(t for t in model.terms if t.sense != "stimulus"), outputs=(), blocks=())
+def loops_of(model: Model) -> list[Model]:
+    """The model without stimuli and outputs, which has the same roots; or one for each recording where loops differ."""
+    every = members(model) if model.loops_differ else (model,)
+    return [replace(m, terms=tuple(t for t in m.terms if t.sense != "stimulus"), outputs=(), blocks=()) for m in every]
 
 
 def followed(loop: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Roots (B, K) at parameters (B, P), from roots ``s`` (B, K) of others nearby; NaN where Newton's method fails.
 
-    ``loop``: see `loop_of`.
+    ``loop``: one of `loops_of` a model.
     """
     s = np.array(s, dtype=complex)
     with np.errstate(all="ignore"):

@@ -16,6 +16,7 @@ import numpy as np
 
 from mcstudy.errors import ModelError
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import members
 from mcstudy.stance.rational import rational_rows
 from mcstudy.stance.realize import ANGLE, SENSED, Realisation, realise
 from mcstudy.stance.stability_kernel import ADVANCED, CERTIFIED, CHAIN, FAILED, SINGULAR, STATIC, Room, rightmost
@@ -65,7 +66,8 @@ def rightmost_root(model: Model, theta: np.ndarray, fallback: bool = True) -> Ri
     Poles of filters inside the loop and integrators count as roots (an integral term with zero gain does not); filters
     on the stimulus or on measured angles do not. Rows need no inertia; a loop without dynamics has no root and gives
     -infinity, one with a delayed term of higher order than all undelayed ones +infinity. NaN or infinite parameters and
-    a singular loop give NaN. Without ``fallback`` what the compiled search does not certify stays uncertain, and cheap.
+    a singular loop give NaN. Where loops differ between recordings (`Model.loops_differ`) the root is that of the loop
+    that decays most slowly. Without ``fallback`` what the compiled search does not certify stays uncertain, and cheap.
 
     Raises
     ------
@@ -74,6 +76,8 @@ def rightmost_root(model: Model, theta: np.ndarray, fallback: bool = True) -> Ri
     theta = np.asarray(theta, dtype=float)
     if theta.shape[-1:] != (len(model.parameters),):
         raise ModelError(f"model {model.name}: expected {len(model.parameters)} parameters, got {theta.shape}")
+    if model.loops_differ:
+        return _of_the_least_stable([rightmost_root(m, theta, fallback) for m in members(model)])
     flat = np.ascontiguousarray(theta.reshape(-1, theta.shape[-1]))
     root = np.full(len(flat), np.nan + 1j * np.nan)
     proof = np.full(len(flat), Proof.NONE, dtype=np.int8)
@@ -81,6 +85,13 @@ def rightmost_root(model: Model, theta: np.ndarray, fallback: bool = True) -> Ri
     if finite.any():
         root[finite], proof[finite] = _search(model, flat[finite], fallback)
     return Rightmost(root.reshape(theta.shape[:-1]), proof.reshape(theta.shape[:-1]))
+
+
+def _of_the_least_stable(loops: list[Rightmost]) -> Rightmost:
+    """Of several loops the one that decays most slowly, for every parameter vector; NaN where one has no answer."""
+    roots, proofs = (np.stack([getattr(r, name) for r in loops]) for name in ("root", "proof"))
+    worst = np.argmax(np.where(np.isnan(roots.real), np.inf, roots.real), axis=0)[None]
+    return Rightmost(*(np.take_along_axis(x, worst, axis=0)[0] for x in (roots, proofs)))
 
 
 def growth_rate(model: Model, theta: np.ndarray) -> np.ndarray:

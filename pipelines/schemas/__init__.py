@@ -30,6 +30,7 @@ DOCUMENTS: dict[str, tuple[str, type]] = {
     "recording": ("1.0.0", recordings.Recording),
     "alternative": ("1.0.0", recordings.Alternative),
     "fit": ("1.0.0", people.Fit),
+    "conditions": ("1.0.0", people.Conditions),
     "group": ("1.0.0", people.Group),
     "comparison": ("1.0.0", people.GroupComparison),
     "diagnosis": ("1.1.0", diagnoses.Diagnosis),

@@ -302,6 +302,43 @@ class Fit(TypedDict):
 
 
 @closed
+class Sharing(TypedDict):
+    """`sharing` of `conditions`."""
+
+    name: str
+    unit: str
+    separate: bool
+    """whether it has a value in each condition in the fit"""
+    conditions: Annotated[list[str], Field(min_length=2)]
+    """those that hold it"""
+    values: list[float]
+    """where each condition has one"""
+    half_widths: list[float | None]
+    """of their Wald intervals; null on a bound"""
+    ratio: float
+    """twice the log likelihood ratio without and with sharing"""
+    p_value: Probability
+    """of that, where conditions share it"""
+    unseen: float | None
+    """squared residual of unseen cycles, shared minus separate; null without cycles"""
+    unseen_se: float | None
+
+
+@closed
+class Conditions(TypedDict):
+    """Parameters of one person in several conditions. Result of mcstudy fit --per: estimates with profile likelihood
+    intervals, and tests of what the conditions share. Numbers that are not defined are null."""
+
+    schema: Literal["mcstudy:conditions:1.0.0"]
+    conditions: Annotated[list[str], Field(min_length=2)]
+    separate: list[str]
+    """parameters with a value in each condition"""
+    sharing: list[Sharing]
+    fit: Fit
+    """of all conditions; a separate parameter is there for each condition, under its name and that of the condition"""
+
+
+@closed
 class Individual(TypedDict):
     """`individual` of `mean`."""
 

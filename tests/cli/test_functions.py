@@ -31,6 +31,7 @@ WORKERS = {
     "import": {"import_recording": "mcstudy.recordings.laboratory_import:import_files"},
     "fit": {
         "fit": "mcstudy.identification.fit:fit",
+        "fit_conditions": "mcstudy.identification.conditions.fit:fit_conditions",
         "fit_group": "mcstudy.identification.people.fits:fit_members",
     },
     "study-from": {"study_from": "mcstudy.identification.study_design:study_of"},

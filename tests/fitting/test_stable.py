@@ -12,7 +12,7 @@ from mcstudy.fitting.starts import uniform
 from mcstudy.fitting.status import Status
 from mcstudy.stance.feedback import Model, Parameter, Term
 from mcstudy.stance.response import frf
-from mcstudy.stance.roots import loop_of, slopes
+from mcstudy.stance.roots import loops_of, slopes
 from mcstudy.stance.stability import growth_rate, rightmost_root
 
 J, MGH = 80.0, 700.0
@@ -105,7 +105,7 @@ def test_derivatives_of_roots_are_those_of_differences() -> None:
     model = pendulum()
     theta = uniform(model, np.random.default_rng(3), 5)
     root = rightmost_root(model, theta).root[:, None]
-    analytic = slopes(loop_of(model), theta, root)[:, 0]
+    analytic = slopes(loops_of(model)[0], theta, root)[:, 0]
     step = 1e-5 * (model.upper - model.lower)
     for p in range(3):
         d = np.eye(3)[p] * step

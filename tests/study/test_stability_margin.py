@@ -19,14 +19,14 @@ name = "margin"
 seed = 3
 
 [group.free]
-realizations = 2
-starts = 4
+realizations = 1
+starts = 3
 fmax = [0.41]
 amplitude = [1.0]
 
 [group.held]
-realizations = 2
-starts = 4
+realizations = 1
+starts = 3
 fmax = [0.41]
 amplitude = [1.0]
 fit = { stability_margin = 0.1 }

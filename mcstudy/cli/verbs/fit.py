@@ -20,6 +20,7 @@ from mcstudy.exits import Exit
 
 if TYPE_CHECKING:
     from mcstudy.cli.parser import Parser
+    from mcstudy.identification.conditions.settings import ConditionSettings
     from mcstudy.identification.settings import FitSettings
 
 TOPIC = "parameters"
@@ -58,9 +59,37 @@ def add_arguments(parser: Parser) -> None:
         help="level of the intervals (default 0.95); estimates under the paper's cost have none, because that cost is "
         "no likelihood",
     )
+    parser.add_argument(
+        "--conventions",
+        action="store_true",
+        help="also print the estimates that Peterka (2002, 2018) and Assländer (2023) would state",
+    )
+    _condition_arguments(parser)
     _group_arguments(parser)
     add_output_arguments(parser, "fit")
     add_page_argument(parser)
+
+
+def _condition_arguments(parser: Parser) -> None:
+    group = parser.add_group(
+        "several conditions",
+        "With one of these options each recording is a condition (as it states, or by the name of its file) of one "
+        "person, and all are fitted at once. -o writes conditions.json and conditions.txt.",
+    )
+    group.add_argument(
+        "--per",
+        nargs="+",
+        metavar=("condition", "NAMES"),
+        help="parameters with a value in each condition, as in `--per condition Wp,Kp`; all others are shared. "
+        "`--per condition` alone: the sensory weights",
+    )
+    group.add_argument(
+        "--shared",
+        metavar="NAMES",
+        help="parameters that all conditions share, as in `--shared Kp,Kd`, or all; without --per all others have a "
+        "value in each condition",
+    )
+    group.add_argument("--details", action="store_true", help="also print all that is said of the fit of one recording")
 
 
 def _group_arguments(parser: Parser) -> None:
@@ -98,22 +127,59 @@ def main(args: argparse.Namespace) -> Exit:
         if args.html:
             raise InputError("--html: expected recordings of one person, not --people or --group")
         return _group(args)
+    if args.per or args.shared:
+        return _conditions(args)
     return _one_person(args)
 
 
 def _settings(args: argparse.Namespace) -> FitSettings:
     from mcstudy.identification.settings import FitSettings
 
-    return FitSettings(
-        effects=args.effects,
-        quantities=args.quantity,
-        bounds=_all_bounds(args.bounds),
-        level=args.level,
-        fmax=args.fmax,
-        discard=args.discard,
-        accept=args.accept,
-        seed=args.seed,
-    )
+    return FitSettings(**_given(args))
+
+
+def _given(args: argparse.Namespace) -> dict[str, Any]:
+    """What both kinds of fit are told."""
+    return {
+        "effects": args.effects,
+        "quantities": args.quantity,
+        "bounds": _all_bounds(args.bounds),
+        "level": args.level,
+        "fmax": args.fmax,
+        "discard": args.discard,
+        "accept": args.accept,
+        "seed": args.seed,
+    }
+
+
+def _condition_settings(args: argparse.Namespace) -> ConditionSettings:
+    from mcstudy.errors import InputError
+    from mcstudy.identification.conditions.settings import ConditionSettings
+
+    by, *per = args.per or ["condition"]
+    if by != "condition":
+        raise InputError(f"--per {by}: expected condition, then names of parameters")
+    return ConditionSettings(per=",".join(per), shared=args.shared or (), **_given(args))
+
+
+def _conditions(args: argparse.Namespace) -> Exit:
+    from mcstudy.errors import InputError
+    from mcstudy.identification.conditions.fit import fit_conditions, names_of
+    from mcstudy.results.conditions import ConditionsResult
+    from mcstudy.scheduler.activity import activity
+    from mcstudy.scheduler.compiling import PERSON, compile_kernels
+    from mcstudy.text_tables import folded
+
+    _require(args)
+    if args.html:
+        raise InputError("--html: expected a fit of one condition")
+    settings = _condition_settings(args)
+    read = read_recordings(args)
+    compile_kernels(PERSON)
+    with activity(f"{len(read)} recordings: fitting"), with_names(args):
+        result = ConditionsResult.of(fit_conditions(read, settings, names_of(read, args.recordings)))
+    tell(args, "conditions", result.to_dict, lambda: folded(result.text(details=args.details)))
+    return Exit.DONE
 
 
 def _group(args: argparse.Namespace) -> Exit:
@@ -134,7 +200,7 @@ def _group(args: argparse.Namespace) -> Exit:
     else:
         _require(args)
         known = named([read_recording(path, data=args.data) for path in args.recordings], args.recordings, args.group)
-    settings = _settings(args)
+    settings = _condition_settings(args) if args.per or args.shared else _settings(args)
     options = cluster_options(args)
     if options.here:
         compile_kernels(PERSON)
@@ -174,7 +240,8 @@ def _one_person(args: argparse.Namespace) -> Exit:
         from mcstudy.report.person.page import fit_page
 
         write_page(args.html, lambda: fit_page(result, shown_command(args)))
-    tell(args, "fit", result.to_dict, lambda: folded(result.text()))
+    tables = [result.conventions().text(titled=True)] if args.conventions else []
+    tell(args, "fit", result.to_dict, lambda: folded("\n\n".join([result.text(), *tables])))
     return Exit.DONE
 
 

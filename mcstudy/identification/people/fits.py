@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import InputError, McstudyError, RecordingError
+from mcstudy.identification.conditions.fit import fit_conditions
+from mcstudy.identification.conditions.settings import ConditionSettings
 from mcstudy.identification.fit import fit
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.people.combination import combine
 from mcstudy.identification.people.group_record import GroupRecord
-from mcstudy.identification.people.members import Member
+from mcstudy.identification.people.members import Member, at_once
 from mcstudy.identification.settings import FitSettings
 from mcstudy.recordings.copies import refuse_copies
 from mcstudy.recordings.frf import FrfRecording
@@ -39,7 +41,7 @@ def fit_members(
     pair: bool | None = None,
     data: Path | None = None,
 ) -> GroupRecord:
-    """Fit every member, then the population.
+    """Fit every member, then the population. With `ConditionSettings` all conditions of a person are fitted at once.
 
     Parameters
     ----------
@@ -53,6 +55,7 @@ def fit_members(
     for m in members:
         if len(m.items) > 1 and any(isinstance(i, FitRecord) for i in m.items):
             raise InputError(f"{m.name}: expected one fit per person and condition, got {len(m.items)}")
+    members = at_once(members) if isinstance(settings, ConditionSettings) else members
     _refuse_copies(members, data, settings.accept)
 
     def fitted(k: int) -> FitRecord | _Failure:
@@ -100,7 +103,10 @@ def _fit(member: Member[Known], data: Path | None, settings: FitSettings) -> Fit
         return member.items[0]
     try:
         read = [read_recording(i, data) if isinstance(i, Path) else i for i in member.items]
-        return fit([r for r in read if not isinstance(r, FitRecord)], settings)
+        recordings = [r for r in read if not isinstance(r, FitRecord)]
+        if isinstance(settings, ConditionSettings):
+            return fit_conditions(recordings, settings, member.conditions).fit
+        return fit(recordings, settings)
     except McstudyError as error:
         return _Failure(" ".join(str(error).split()))
     except Exception as error:

@@ -38,11 +38,14 @@ class Member(Generic[Item]):
         Their names.
     items
         What is known of this person in this condition: recordings, which are pooled.
+    conditions
+        The condition of each of the ``items`` where all conditions are fitted at once; empty otherwise.
     """
 
     person: str
     condition: str
     items: tuple[Item, ...]
+    conditions: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -69,6 +72,22 @@ def members(items: Sequence[Item], person: Sequence[str], condition: Sequence[st
             if stated == c:
                 groups.setdefault((p.strip(), c.strip()), []).append(item)
     return [Member(p, c, tuple(group)) for (p, c), group in groups.items()]
+
+
+def at_once(known: Sequence[Member[Item]]) -> list[Member[Item]]:
+    """One member for each person, who has all conditions."""
+    people: dict[str, list[Member[Item]]] = {}
+    for m in known:
+        people.setdefault(m.person, []).append(m)
+    return [
+        Member(
+            person,
+            ALL,
+            tuple(item for m in own for item in m.items),
+            tuple(m.condition for m in own for _ in m.items),
+        )
+        for person, own in people.items()
+    ]
 
 
 def named(

@@ -70,7 +70,7 @@ def _open(path: Path, lazy: bool | None) -> xr.DataTree:
         lazy = cube.study.fits > FITS_IN_MEMORY
     # The store refuses links, chunks that declare an impossible size, and missing or swapped chunks. Other formats are
     # not considered.
-    layouts = {name: store.layout for name, store in cube.groups.items()}
+    layouts = {name: store.stored for name, store in cube.groups.items()}
     guarded: Any = CheckedStore(path, layouts, cube.study.fingerprint)
     try:
         root = xr.open_datatree(guarded, engine="zarr", consolidated=False, zarr_format=3, chunks=None)
@@ -82,6 +82,8 @@ def _open(path: Path, lazy: bool | None) -> xr.DataTree:
         per_chunk = len(group.fmax) * group.starts * depth
         piece = depth * max(1, FITS_A_PIECE // per_chunk)
         data = root[name].to_dataset()
+        if store.older:  # its second angle is none
+            data = data.isel(angle=slice(1), angle_2=slice(1))
         if lazy:
             results = {k: data[k].chunk(amplitude=1, realization=piece) for k in store.layout.results}
             data = data.drop_vars(list(results)).load().assign(results)

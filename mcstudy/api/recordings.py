@@ -13,7 +13,7 @@ from mcstudy.gap.trial_planning.choice import require_possible
 from mcstudy.gap.trial_planning.next_trial import next_trial as planned_next
 from mcstudy.identification.fit import fit as fit_recordings
 from mcstudy.identification.settings import FitSettings
-from mcstudy.recordings.columns import ModelLike, model_of, of_model
+from mcstudy.recordings.columns import ModelLike, of_model
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.io import read_recording
 from mcstudy.recordings.laboratory_import import import_files
@@ -256,5 +256,4 @@ def read(
 ) -> list[Recording | FrfRecording]:
     """Recordings from paths or as they are, as ones of a declared model where that is given."""
     given = [recording] if isinstance(recording, RecordingLike) else list(recording)
-    declared = model_of(model)
-    return [read_recording(r, model=declared) if isinstance(r, str | Path) else of_model(r, declared) for r in given]
+    return [read_recording(r, model=model) if isinstance(r, str | Path) else of_model(r, model) for r in given]

@@ -86,10 +86,9 @@ def add_model_argument(parser: Parser) -> None:
 
 def read_recordings(args: argparse.Namespace) -> list[Recording | FrfRecording]:
     """The recordings in the files that were named."""
-    from mcstudy.recordings.columns import model_of
     from mcstudy.recordings.io import read_recording
 
-    model = model_of(getattr(args, "model", None))
+    model = getattr(args, "model", None)
     return [read_recording(path, data=args.data, model=model) for path in args.recordings]
 
 

@@ -94,7 +94,7 @@ def _is_active_hip(term: Term) -> bool:
 def _late_stimulus(model: Model) -> Model:
     lag = Monomial(1.0, 1, (("Tstim", 1), ("lag_Tstim", 1)))
     model = add.filter_terms(model, add.is_stimulus, Filter("lag_Tstim", (add.ONE,), (add.ONE, lag)))
-    return add.delay_stimulus(model, "Tstim")
+    return add.delay_terms(model, add.is_stimulus, "Tstim")
 
 
 def _stretch_frame(model: Model) -> Model:

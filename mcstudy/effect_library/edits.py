@@ -113,15 +113,15 @@ def filter_terms(model: Model, selects: Callable[[Term], bool], filt: Filter) ->
     return replace(model, terms=terms, filters=(*model.filters, filt))
 
 
-def delay_stimulus(model: Model, delay: str) -> Model:
-    """Add a delay to every term that senses the stimulus, after the delay that a sensed tilt has already."""
+def delay_terms(model: Model, selects: Callable[[Term], bool], delay: str) -> Model:
+    """Add a delay to every term that ``selects`` selects, after the delay that it has already, as a sensed tilt has."""
 
     def delayed(term: Term) -> Term:
         if term.late is not None:
-            raise ModelError(f"model {model.name}: the stimulus has the further delay {term.late} already")
+            raise ModelError(f"model {model.name}: a term of {term.sense} has the further delay {term.late} already")
         return replace(term, delay=delay) if term.delay is None else replace(term, late=delay)
 
-    return replace(model, terms=tuple(delayed(t) if is_stimulus(t) else t for t in model.terms))
+    return replace(model, terms=tuple(delayed(t) if selects(t) else t for t in model.terms))
 
 
 def scale_stimulus(model: Model, error: str, corner: str) -> Model:
@@ -140,10 +140,13 @@ def scale_stimulus(model: Model, error: str, corner: str) -> Model:
 
 
 def filter_output(model: Model, angles: Sequence[int], filt: Filter) -> Model:
-    """Add a filter between the true and the measured angle, in series with an existing one."""
+    """Add a filter between the true and the measured angle, in series with one that is there."""
+    there = [k for k in angles if k < model.n_rows]
+    if not there:
+        raise ModelError(f"model {model.name}: no second angle for this effect to act on")
     have = {f.name: f for f in model.filters}
     output, filters = list(model.output_filters), list(model.filters)
-    for k in angles:
+    for k in there:
         existing = output[k]
         placed = filt if existing is None else product(f"{existing}*{filt.name}", have[existing], filt)
         if placed.name not in {f.name for f in filters}:

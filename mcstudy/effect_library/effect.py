@@ -17,8 +17,9 @@ from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model, Parameter
 from mcstudy.stance.ranges import Range
 
-Location = Literal["ankle", "hip", "stimulus", "sensor", "body"]
-LOCATIONS: tuple[Location, ...] = ("ankle", "hip", "stimulus", "sensor", "body")
+LOCATIONS = ("ankle", "hip", "stimulus", "sensor", "body")
+"""Where the effects of a standing body act."""
+
 EffectKind = Literal["linear", "nonlinear", "nonstationary"]
 ContrastKind = Literal["amplitude", "time"]
 
@@ -174,7 +175,8 @@ class Effect:
     name, equation
         As displayed; the equation uses the notation of the model's table.
     place
-        One or more locations where it acts: "ankle", "hip", "stimulus", "sensor", "body".
+        One or more locations where it acts: "ankle", "hip", "stimulus", "sensor", "body"; of a declared model its rows,
+        "stimulus" or "sensor".
     sizes
         Its parameters (`Size`), the size itself first.
     build
@@ -206,6 +208,8 @@ class Effect:
         one.
     scatters
         Whether it is nonlinear within a trial, so that it scatters energy between the lines of the response.
+    words
+        What it is called in a sentence, before its name; its name alone when empty.
 
     Raises
     ------
@@ -215,7 +219,7 @@ class Effect:
 
     name: str
     equation: str
-    place: tuple[Location, ...]
+    place: tuple[str, ...]
     sizes: tuple[Size, ...]
     build: Callable[[Model], Model]
     source: str
@@ -228,6 +232,7 @@ class Effect:
     family: str = ""
     forms: tuple[Form, ...] = ()
     scatters: bool = False
+    words: str = ""
 
     def __post_init__(self) -> None:
         if not self.sizes or self.size.is_shape:

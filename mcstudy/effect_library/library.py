@@ -1,8 +1,9 @@
 """The library of effects that a model may lack, and functions that add them to a model.
 
-`LIBRARY` maps names to effects and starts with those of `mcstudy.effect_library.declarations`. `apply` adds any of
-them, or any pair, to a model that has the rows on which they act. `Library.register` adds a user's effect, which the
-whole diagnosis then treats like the others.
+`LIBRARY` maps names to effects and starts with those of `mcstudy.effect_library.declarations`, which attach to a model
+whose rows and angles have the names of the standing body's. `Library.register` adds a user's effect, which the whole
+diagnosis then treats like the others. `library_of` is that library, or the effects that are generated for any other
+declared model (`mcstudy.effect_library.generic`). `apply` adds any of them, or any pair, to the model.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ from typing import Any
 
 from mcstudy.effect_library.constants import with_constants
 from mcstudy.effect_library.declarations import DECLARATIONS
-from mcstudy.effect_library.effect import Effect, Size, TrialSetting
+from mcstudy.effect_library.effect import LOCATIONS, Effect, Size, TrialSetting
+from mcstudy.effect_library.generic import generic_effects, own_angles
 from mcstudy.errors import InputError
+from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model, Parameter
 from mcstudy.stance.joint import changed
 from mcstudy.stance.rules import Rules
@@ -68,6 +71,27 @@ class Library(Mapping[str, Effect]):
                 raise InputError(f"effect {effect.name!r}: parameter {name!r} is already that of {taken[name]}")
         self._effects[effect.name] = effect
 
+    @property
+    def sizes(self) -> dict[str, Size]:
+        """Every parameter that an effect adds, by name."""
+        return {s.name: s for e in self.values() for s in e.sizes}
+
+    @property
+    def shape_parameters(self) -> set[str]:
+        """Names of the parameters that shape an effect without being its size."""
+        return {s.name for s in self.sizes.values() if s.is_shape} | {f.name for e in self.values() for f in e.forms}
+
+    def usual_size(self, parameter: str) -> tuple[float, float] | None:
+        """The usual magnitude of a parameter that an effect adds, or of a shape constant; None for any other name."""
+        ranges = {name: s.published for name, s in self.sizes.items()}
+        ranges |= {f.name: (f.low, f.high) for e in self.values() for f in e.forms}
+        return ranges.get(parameter)
+
+    def words(self, name: str) -> str:
+        """What an effect is called in a sentence; its name for one that has no words, or is not known."""
+        words = self[name].words if name in self else ""
+        return f"{words} [{name}]" if words else name
+
     @contextlib.contextmanager
     def extended(self, *effects: Effect) -> Iterator[None]:
         """Context manager: the library has more effects inside the ``with`` block, and is as before after it."""
@@ -84,12 +108,33 @@ LIBRARY = Library(DECLARATIONS)
 """All effects that the program knows."""
 
 
-def effect(name: str) -> Effect:
-    """One declaration; raises `InputError` on a name that is not in the library."""
+def effect(name: str, library: Library = LIBRARY) -> Effect:
+    """One declaration; raises `InputError` on a name that is not in the ``library``."""
     try:
-        return LIBRARY[name]
+        return library[name]
     except KeyError:
-        raise InputError(f"unknown effect {name!r}; the library has {', '.join(LIBRARY)}") from None
+        raise InputError(f"unknown effect {name!r}; the library has {', '.join(library)}") from None
+
+
+def library_of(model: Model) -> Library:
+    """The effects that a ``model`` without effects may lack: `LIBRARY` for a standing body.
+
+    For any other declared model those that are generated for it, and those that were registered.
+    """
+    return LIBRARY if standing(model) else _generated(model, tuple(LIBRARY.values()))
+
+
+@lru_cache(maxsize=64)
+def _generated(model: Model, known: tuple[Effect, ...]) -> Library:
+    generic = generic_effects(model)
+    taken = {name for e in (*DECLARATIONS, *generic) for name in (e.name, *e.parameters, *e.nominal_form)}
+    registered = (e for e in known if not {e.name, *e.parameters, *e.nominal_form} & taken)
+    return Library([*generic, *registered])
+
+
+def places(model: Model) -> tuple[str, ...]:
+    """Where effects on a model may act."""
+    return LOCATIONS if standing(model) else (*own_angles(model), "stimulus", "sensor")
 
 
 def apply(model: Model, *names: str, opened: Iterable[str] = ()) -> Model:
@@ -101,15 +146,13 @@ def apply(model: Model, *names: str, opened: Iterable[str] = ()) -> Model:
     Raises `InputError` for an unknown, repeated or nonlinear effect (see `trace`), `ModelError` when the model lacks
     the row an effect acts on.
     """
-    for name in names:
-        if effect(name).kind != "linear":
-            raise InputError(
-                f"effect {name!r} is {effect(name).kind}: it has no closed form, only the approximation of `trace`"
-            )
+    library = library_of(model)
+    effects = tuple(effect(n, library) for n in names)
+    for e in effects:
+        if e.kind != "linear":
+            raise InputError(f"effect {e.name!r} is {e.kind}: it has no closed form, only the approximation of `trace`")
     shaped = set(opened)
-    return _applied(
-        model, model.provenance, tuple(effect(n) for n in names), tuple(n for n in names if n in shaped), tuple(LIBRARY)
-    )
+    return _applied(model, model.provenance, effects, tuple(n for n in names if n in shaped), tuple(library))
 
 
 def trace(model: Model, name: str) -> Model:
@@ -118,7 +161,8 @@ def trace(model: Model, name: str) -> Model:
     The added parameter, ``gain_<name>``, is free in one of two sets of data (amplitudes, first and last cycles) and
     zero in the other.
     """
-    declared = effect(name)
+    library = library_of(model)
+    declared = effect(name, library)
     if declared.rule is None:
         raise InputError(f"effect {name!r} is linear: use `apply` instead")
     change = Size(
@@ -130,27 +174,26 @@ def trace(model: Model, name: str) -> Model:
         published=(0.05, 0.4),
         meaning=f"change of active gains by {name}",
     )
-    return _apply(model, [declared], [change.parameter])
+    return _apply(model, [declared], [change.parameter], tuple(library))
 
 
-def rules(names: Iterable[str], sizes: Mapping[str, float], trial: TrialSetting) -> Rules:
-    """The combined time-domain rules of the named effects; linear effects have none."""
+def rules(effects: Iterable[Effect], sizes: Mapping[str, float], trial: TrialSetting) -> Rules:
+    """The combined time-domain rules of effects; linear ones have none."""
     fields: dict[str, Any] = {}
-    for name in names:
-        rule = effect(name).rule
+    for rule in (e.rule for e in effects):
         if rule is not None:
             fields |= rule(sizes, trial)
     return Rules(**fields)
 
 
-def _apply(model: Model, effects: list[Effect], added: Iterable[Parameter]) -> Model:
+def _apply(model: Model, effects: list[Effect], added: Iterable[Parameter], listed: tuple[str, ...]) -> Model:
     added = list(added)
     given = {p.name for p in added}
     fixed = [f for e in effects for f in e.forms if f.name not in given]
     names = [e.name for e in effects]
     if len(set(names)) != len(names):
         raise InputError(f"effects {', '.join(names)}: each may be named once")
-    named, listed = "+".join((model.name, *sorted(names))), list(LIBRARY)
+    named = "+".join((model.name, *sorted(names)))
     model = model.with_terms(parameters=[*added, *(f.parameter for f in fixed)], name=named)
     for declared in sorted(effects, key=lambda e: (e.order, listed.index(e.name))):
         model = changed(model, declared.build)
@@ -165,29 +208,16 @@ def _applied(
 
     ``provenance``: of ``model``, in which equal models may differ. ``listed``: the library, whose order counts.
     """
-    del provenance, listed
+    del provenance
     added = []
     for e in effects:
         added += [s.parameter for s in e.sizes]
         added += [f.parameter for f in e.forms if e.name in opened]
-    return _apply(model, list(effects), added)
+    return _apply(model, list(effects), added, listed)
 
 
-def usual_size(parameter: str) -> tuple[float, float] | None:
-    """The usual magnitude of a parameter that an effect adds, or of a shape constant; None for any other name."""
-    ranges = {s.name: s.published for e in LIBRARY.values() for s in e.sizes}
-    ranges |= {f.name: (f.low, f.high) for e in LIBRARY.values() for f in e.forms}
-    return ranges.get(parameter)
-
-
-def shape_parameters() -> set[str]:
-    """Names of the parameters that shape an effect without being its size."""
-    sizes = {s.name for e in LIBRARY.values() for s in e.sizes if s.is_shape}
-    return sizes | {f.name for e in LIBRARY.values() for f in e.forms}
-
-
-def table_text() -> str:
-    """The library as text for `mcstudy gap effects`.
+def table_text(library: Library = LIBRARY) -> str:
+    """A library as text for `mcstudy gap effects`.
 
     One block per effect: name, location, size with its usual range, equation, where that range comes from, and the
     shape constants that are open.
@@ -213,7 +243,7 @@ def table_text() -> str:
                 ),
             ]
         )
-        for e in LIBRARY.values()
+        for e in library.values()
     )
 
 

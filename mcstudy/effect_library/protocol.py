@@ -122,7 +122,9 @@ def simulate_recording(
     or falls in the simulation (an angle exceeds `LARGEST_SWAY`).
     """
     body, declared = body or Body(), model if model is not None and not standing(model) else None
-    model, theta = body_with_effects(model or two_segment(body, protocol.stimulus), theta, effects, sizes or {})
+    base = model or two_segment(body, protocol.stimulus)
+    acting = [library.effect(n, library.library_of(base)) for n in effects]
+    model, theta = body_with_effects(base, theta, effects, sizes or {})
     reference = float(np.exp(np.mean(np.log(protocol.amplitudes))))
     trials = []
     for amplitude, stream in zip(protocol.amplitudes, rng.spawn(len(protocol.amplitudes)), strict=True):
@@ -130,7 +132,7 @@ def simulate_recording(
         stimulus = _stimulus(protocol, amplitude, stimulus_stream, model.senses_motion)
         n, rate = stimulus.shape[0], protocol.waveform.rate_hz
         setting = TrialSetting(model, amplitude, reference, n, rate, rule_stream)
-        rules = library.rules(effects, dict(sizes or {}), setting) if rule is None else Rules(**rule(setting))
+        rules = library.rules(acting, dict(sizes or {}), setting) if rule is None else Rules(**rule(setting))
         noise = protocol.noise.sample(noise_stream, n, rate)
         sway = _with_torque(model, theta, stimulus, rate, noise, rules, torque)
         if not np.abs(sway.theta).max() < (LARGEST_SWAY if declared is None else np.inf):
@@ -164,7 +166,7 @@ def body_with_effects(
     Sizes of nonlinear effects are left to `mcstudy.effect_library.library.rules`. A size may lie outside the bounds of
     a fit.
     """
-    declared = [library.effect(n) for n in effects]
+    declared = [library.effect(n, library.library_of(model)) for n in effects]
     known = {s.name: s for e in declared for s in e.sizes}
     for name in sizes:
         if name not in known:
@@ -199,14 +201,14 @@ def draw_case(
     ``scale``. After every 20 unstable attempts the sizes shrink by a quarter and delays may be up to a quarter shorter
     (slower muscles need shorter delays for stability). Raises `FallsError` after ``attempts``.
     """
-    lag = np.array([p.name in model.delays for p in model.parameters])
+    lag, known = np.array([p.name in model.delays for p in model.parameters]), library.library_of(model)
     for attempt in range(attempts):
         harder = attempt // 20
         factor = rng.uniform(1 - spread, 1 + spread, len(model.parameters))
         factor[lag] *= 1 - min(0.25, 0.05 * harder) * rng.random()
         theta = np.clip(model.truth * factor, model.lower, model.upper)
         size = scale * 0.75**harder
-        sizes = {s.name: s.draw(rng, size) for n in effects for s in library.effect(n).sizes}
+        sizes = {s.name: s.draw(rng, size) for n in effects for s in library.effect(n, known).sizes}
         try:
             body_with_effects(model, theta, effects, sizes)
         except FallsError:

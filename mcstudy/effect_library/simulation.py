@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mcstudy.effect_library.library import effect
+from mcstudy.effect_library.library import effect, library_of
 from mcstudy.effect_library.protocol import Protocol, draw_case, simulate_recording
 from mcstudy.errors import FallsError, InputError
 from mcstudy.recordings.columns import Columns, ModelLike, model_of
@@ -116,7 +116,7 @@ def simulate(
     nominal = _with_values(two_segment(stimulus=stimulus) if declared is None else declared, dict(parameters or {}))
     given, drawn = {}, []
     for effect_name, value in sizes_given.items():
-        size = effect(effect_name).size
+        size = effect(effect_name, library_of(nominal)).size
         if value is None:
             drawn.append(effect_name)
         else:

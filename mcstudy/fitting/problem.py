@@ -95,8 +95,8 @@ def _real(z: np.ndarray) -> np.ndarray:
 def paper_cost(model: Model, f: np.ndarray, data: np.ndarray) -> Problem:
     """The paper's J: mean squared error relative to the data's own magnitude, over the model's Y outputs."""
     data = np.asarray(data, dtype=complex)
-    Y = model.n_angles
-    weight = np.zeros((*data.shape, data.shape[1]), dtype=complex)
+    Y = model.n_outputs
+    weight = np.zeros((*data.shape, Y), dtype=complex)
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in range(Y):
             weight[:, k, k] = 1.0 / (np.abs(data[:, k]) * np.sqrt(Y * data.shape[0]))
@@ -106,14 +106,9 @@ def paper_cost(model: Model, f: np.ndarray, data: np.ndarray) -> Problem:
 def ml_cost(model: Model, f: np.ndarray, data: np.ndarray, covariance: np.ndarray) -> Problem:
     """Maximum likelihood: V = sum r^H C^-1 r, with ``covariance`` (N, Y, Y) Hermitian E[r r^H] of the FRF errors."""
     data = np.asarray(data, dtype=complex)
-    weight = np.zeros((*data.shape, data.shape[1]), dtype=complex)
-    Y = model.n_angles
-    outputs = np.s_[:, :Y, :Y]
-    if np.isfinite(covariance).all():
-        weight[outputs] = np.linalg.inv(np.linalg.cholesky(covariance[outputs]))
-    else:
-        weight[outputs] = np.nan
-    return Problem(np.asarray(f, dtype=float), data, weight, model)
+    known = np.isfinite(covariance).all()
+    weight = np.linalg.inv(np.linalg.cholesky(covariance)) if known else np.full(covariance.shape, np.nan)
+    return Problem(np.asarray(f, dtype=float), data, weight.astype(complex), model)
 
 
 @cache

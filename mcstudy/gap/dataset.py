@@ -14,7 +14,9 @@ def dataset(d: DiagnosisRecord) -> xr.Dataset:
 
     Of that torque there is nothing where there is no nearest mechanism.
     """
-    per = f"rad per {d.base.model.stimulus_unit}" if not d.base.model.blocks else "rad per unit of the stimulus"
+    model = d.base.model
+    units = " or ".join(dict.fromkeys(model.output_units))
+    per = f"{units} per {'unit of the stimulus' if model.blocks else model.stimulus_unit}"
     line, both = "line", ("line", "angle")
     out = xr.Dataset(
         {
@@ -35,7 +37,7 @@ def dataset(d: DiagnosisRecord) -> xr.Dataset:
         },
         {
             "frequency": (line, d.f, {"units": "Hz"}),
-            "angle": list(d.base.model.angles),
+            "angle": list(model.output_names),
             "cause": [effects_of(c) for c in d.causes],
             "quantile": [0.025, 0.5, 0.975],
         },

@@ -12,7 +12,6 @@ from functools import partial
 
 import numpy as np
 
-from mcstudy.errors import RecordingError
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.free_deviations import LENGTHS
@@ -58,13 +57,8 @@ def diagnose(
     Raises `RecordingError` for a recording that cannot be analysed or whose channels are mislabelled.
     """
     checked, fit = _fitted(recordings, settings)
-    if not standing(fit.model):
-        raise RecordingError(
-            f"{checked.recording.name}: model: expected that of a standing body, to which the library of effects "
-            f"attaches, got {fit.model.name}; mcstudy fit --model tests whether a declared model lacks anything"
-        )
     test = gap_test(checked.lines, fit, settings)
-    labels = None if isinstance(checked.recording, FrfRecording) else _labels(checked, settings)
+    labels = _labels(checked, settings)
     diagnosis = _answers(checked.lines, test, settings, checked.recording.name, labels)
     return replace(
         diagnosis,
@@ -112,7 +106,7 @@ def _answers(
     leading = inquiry.leading
     added = None if leading is None or leading.advice else leading
     closes = added if asked.closed and added is not None and added.changes(base) else None
-    place, abstained = locations(explanation)
+    place, abstained = locations(explanation, base.model)
     trials = int(np.unique(lines.trial).size)
     belief = Belief(explanation.hypotheses, explanation.unknown, detection.null_chi2)
     return DiagnosisRecord(
@@ -153,8 +147,10 @@ def _answers(
     )
 
 
-def _labels(checked: CheckedRecording, settings: DiagnosisSettings) -> Labels:
-    """What the nominal model says of the labels."""
+def _labels(checked: CheckedRecording, settings: DiagnosisSettings) -> Labels | None:
+    """What the nominal model says of the labels; None for responses, and of what no standing body is in."""
+    if isinstance(checked.recording, FrfRecording) or not standing(checked.nominal):
+        return None
     accepted = frozenset(settings.accept)
 
     def of_part(recording: Recording, lines: Lines, name: str = "") -> Labels:
@@ -196,7 +192,7 @@ def _space(scores: Scores) -> np.ndarray:
 
 
 def _sway(base: Fitted, leading: Cause | None, data: Data, lines: Lines) -> dict[str, float | None]:
-    if not np.isfinite(lines.power).all():
+    if not np.isfinite(lines.power).all() or set(base.model.output_units) != {"rad"}:
         return {"before": None, "after": None, "floor": None}
     return {
         "before": sway_rms_deg(base, data, lines),

@@ -45,7 +45,8 @@ class DiagnosisRecord:
     p_least
         Smallest p-value that is possible with this number of null samples.
     place
-        Probability of each location: ankle, hip, stimulus, sensor, body, and recording (mislabelled).
+        Probability of each location: ankle, hip, stimulus, sensor, body, and recording (mislabelled); of a declared
+        model its rows, stimulus and sensor.
     place_abstained
         Probability that is assigned to none of them.
     causes
@@ -61,7 +62,7 @@ class DiagnosisRecord:
         mislabelled recording, and for a cause that leaves the mean response unchanged.
     sway_rms_deg
         RMS error of predicted sway of the base model ("before") and with the leading cause ("after"), and its noise
-        floor, deg.
+        floor, deg; None where outputs are no angles in rad.
     detection
         Tests, residual map and bands (`Detection`).
     contrasts
@@ -73,7 +74,7 @@ class DiagnosisRecord:
     f
         (N,), frequencies of the lines, Hz.
     torque
-        (N, 2) complex, torque per stimulus by row (hip, ankle) that would close the gap; for illustration only.
+        (N, R) complex, torque per stimulus by row that would close the gap; for illustration only.
     warnings
         Warnings about data quality.
     method

@@ -20,11 +20,14 @@ from mcstudy.gap.questions.power import DetectionLimits
 from mcstudy.gap.verdict import verdict
 from mcstudy.lines.part_fits import parts_dict
 from mcstudy.recordings.joint_recording import part_labels
+from mcstudy.stance.body import standing
 
 
 def document(d: DiagnosisRecord) -> dict[str, Any]:
     """All results as plain JSON data, valid under ``results_schema/1.1.0/diagnosis.json``."""
-    tested, answers = d.detection, {a.name: a.to_dict() for a in d.answers}
+    tested, names = d.detection, d.base.model.output_names
+    by_name = dict(zip(names, np.abs(tested.z).T, strict=True))
+    answers = {a.name: a.to_dict() for a in d.answers}
     return plain(
         {
             "schema": schema.identifier("diagnosis"),
@@ -60,8 +63,7 @@ def document(d: DiagnosisRecord) -> dict[str, Any]:
             "bands": _bands(tested.bands),
             "z_map": {
                 "f": d.f,
-                "theta1": np.abs(tested.z[:, 0]),
-                "theta2": np.abs(tested.z[:, 1]),
+                **(by_name if standing(d.base.model) else {"outputs": by_name}),
                 "limit": tested.z_limit,
             },
             "contrasts": [_contrast(c) for c in d.contrasts],

@@ -25,10 +25,14 @@ def where(bands: tuple[Band, ...]) -> str:
                 spans.append((b.low_hz, b.high_hz))
     name = {"theta1": "the lower body's angle", "theta2": "the hip angle"}
     parts = [
-        f"{name.get(a, a)} " + " and ".join(_span(f"{low:.2g}", f"{high:.2g}") for low, high in spans)
+        f"{name.get(a, a)} " + " and ".join(_span(_hz(low), _hz(high)) for low, high in spans)
         for a, spans in by_angle.items()
     ]
     return "in " + ", and in ".join(parts) if parts else ""
+
+
+def _hz(f: float) -> str:
+    return f"{f:.2g}" if f < 99.5 else f"{f:.0f}"
 
 
 def _span(low: str, high: str) -> str:
@@ -58,13 +62,13 @@ def leaves(near: Nearest, noise: tuple[float, float]) -> str:
     """What the mechanism leaves: where, how large, and as what torque. ``noise``: range of chi2 for noise alone."""
     left, place = near.remaining, where(near.bands)
     if not left.found:
-        said = "It leaves no torque at a joint that these data show"
+        said = f"It leaves no {'torque at a joint' if left.unit else 'further term'} that these data show"
         said += f" (probability of one: {chance(left.probability)})."
         return said + (f" Its residual exceeds noise {place}." if place else "")
-    acts = f"a torque at the {left.row} that depends on {_sense(left.sense)}"
+    acts = f"a {'torque at the' if left.unit else 'term in'} {left.row} that depends on {_sense(left.sense)}"
     sure = f"probability {chance(left.probability)}, among such torques {chance(left.path_probability)}"
     sizes = [] if left.share is None else [f"{percent(left.share)} of the active torque there"]
-    sizes += [] if left.rms is None else [f"{bracketed(left.rms, 'N m')} RMS"]
+    sizes += [] if left.rms is None else [f"{bracketed(left.rms, left.unit.split('/')[0])} RMS"]
     size = f": {', '.join(sizes)}" if sizes else ""
     gain, phase = left.at(left.clearest_hz)
     out = f"What it leaves{', ' + place + ',' if place else ''} is described by {acts} ({sure}){size}."

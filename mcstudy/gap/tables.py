@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 
-from mcstudy.effect_library import library
-from mcstudy.effect_library.library import usual_size
+from mcstudy.effect_library.library import library_of
 from mcstudy.gap import nearest_words
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.prior import MEANINGS
 from mcstudy.gap.questions.contrasts import DRAWS
-from mcstudy.gap.questions.parameters import PRIOR_EXPLAINED, SOURCES, SOURCES_EXPLAINED
+from mcstudy.gap.questions.parameters import DECLARED_EXPLAINED, PRIOR_EXPLAINED, SOURCES, SOURCES_EXPLAINED
 from mcstudy.gap.questions.posterior import Cause
-from mcstudy.gap.verdict import added_name, effects_of, not_a_body, p_value, shown_causes
+from mcstudy.gap.verdict import added_name, effects_of, motion, not_a_body, p_value, shown_causes
+from mcstudy.stance.body import standing
 from mcstudy.text_tables import Table, number, with_error
 
 SHOWN = 0.01
@@ -126,12 +126,12 @@ def _marked(cause: Cause, notes: list[str]) -> str:
 
 def _sizes(d: DiagnosisRecord) -> Table:
     """Sizes of the causes that are shown."""
-    rows = []
+    rows, known = [], library_of(d.base.model)
     for cause in shown_causes(d):
-        known = [library.effect(e) for e in cause.effects if not cause.advice]
-        owner = {n: e.name for e in known for n in (*e.parameters, *e.nominal_form)}
+        effects = [known[e] for e in cause.effects if not cause.advice]
+        owner = {n: e.name for e in effects for n in (*e.parameters, *e.nominal_form)}
         for s in cause.sizes:
-            usual = usual_size(s.name)
+            usual = known.usual_size(s.name)
             rows.append(
                 [
                     s.name,
@@ -144,7 +144,11 @@ def _sizes(d: DiagnosisRecord) -> Table:
                 ]
             )
     header = ["parameter", "size ± SE", "95 % interval", "usual size", "unit", "of"]
-    note = "SE: standard error. usual size: magnitude in people; mcstudy gap effects states where each comes from."
+    note = "SE: standard error. usual size: " + (
+        "magnitude in people; mcstudy gap effects states where each comes from."
+        if standing(d.base.model)
+        else "3 to 30 % of what the model has itself, an assumption."
+    )
     return Table("Sizes of the leading cause and of those in the 95 % set", header, rows, note)
 
 
@@ -207,7 +211,7 @@ def closing(d: DiagnosisRecord) -> Table:
     if d.sway_noise_deg is not None:
         low, high = d.sway_noise_deg
         noise = f"{number(low, 2)} to {number(high, 2)}, floor {number(d.sway_rms_deg['floor'])}"
-        rows.append(["error of predicted sway (deg RMS)", number(d.sway_rms_deg["before"]), "", noise])
+        rows.append([f"error of predicted {motion(d)} (deg RMS)", number(d.sway_rms_deg["before"]), "", noise])
     title, header = (
         "How much of the mismatch is explained",
         ["measure", "base model", added_name(d), "noise alone, 95 %"],
@@ -220,7 +224,7 @@ def closing(d: DiagnosisRecord) -> Table:
         c = d.closed
         share = f"{100 * c.fraction:.0f} % [{100 * c.low:.0f}, {100 * c.high:.0f}]"
         rows.append(["share of the gap closed", "0 %", share, "-"])
-    return Table(title, header, rows, "" if d.sway_noise_deg is None else MEASURES_EXPLAINED)
+    return Table(title, header, rows, "" if d.sway_noise_deg is None else MEASURES_EXPLAINED.replace("sway", motion(d)))
 
 
 def _nearest(d: DiagnosisRecord) -> Table:
@@ -233,7 +237,7 @@ def _nearest(d: DiagnosisRecord) -> Table:
         ["mechanism", " and ".join(d.nearest.effects)],
         ["acts at, depends on", f"{left.row}, {left.sense} ({100 * left.path_probability:.0f} %)"],
         *([] if left.share is None else [["share of the active torque", nearest_words.percent(left.share)]]),
-        *([] if left.rms is None else [["RMS (N m)", nearest_words.bracketed(left.rms)]]),
+        *([] if left.rms is None else [[f"RMS ({left.unit.split('/')[0]})", nearest_words.bracketed(left.rms)]]),
         ["poles", ", ".join(f"{k} ({100 * p:.0f} %)" for k, p in enumerate(left.poles_weight) if p >= SHOWN)],
         [f"G(s) ({left.unit})", nearest_words.formula(left)],
     ]
@@ -257,8 +261,9 @@ def _parameters(d: DiagnosisRecord) -> Table:
     ]
     header = ["parameter", "base model", *([] if d.added is None else [added_name(d)]), "unit"]
     origins = {origin for s in d.shifts for origin in (s.without_from, s.added_from)}
+    about = PRIOR_EXPLAINED if standing(d.base.model) else DECLARED_EXPLAINED
     explained = [text for origin, text in SOURCES_EXPLAINED.items() if origin in origins]
-    note = " ".join(part for part in (*explained, PRIOR_EXPLAINED, not_a_body(d)) if part)
+    note = " ".join(part for part in (*explained, about, not_a_body(d)) if part)
     return Table("Parameters ± standard error", header, rows, note)
 
 

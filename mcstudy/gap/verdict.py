@@ -6,7 +6,7 @@ Effects have the names under which the library lists them, so that any of them c
 from __future__ import annotations
 
 from mcstudy import text_tables
-from mcstudy.effect_library import library
+from mcstudy.effect_library.library import LIBRARY, Library, library_of
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.gap import nearest_words
 from mcstudy.gap.diagnosis import DiagnosisRecord
@@ -16,6 +16,7 @@ from mcstudy.gap.questions.parameters import sources
 from mcstudy.gap.questions.posterior import Cause
 from mcstudy.lines.part_fits import told
 from mcstudy.recordings.joint_recording import part_labels
+from mcstudy.stance.body import standing
 from mcstudy.text_tables import fill, number, with_error
 
 WIDE = 0.3
@@ -46,12 +47,17 @@ def added_name(d: DiagnosisRecord) -> str:
     return f"with {d.leading.effects[0]}" if len(d.leading.effects) == 1 else "with both effects"
 
 
-def named(cause: Cause) -> str:
-    """Names of the effects of a cause, each with the effects that the recording cannot distinguish from it."""
+def named(cause: Cause, known: Library = LIBRARY) -> str:
+    """Names of the effects of a cause, each with the effects that the recording cannot distinguish from it.
+
+    ``known``: the library in which they may have words.
+    """
     parts = []
     for effect, group in zip(cause.effects, cause.alternatives, strict=True):
         others = [n for n in group if n != effect]
-        parts.append(effect + (f" (indistinguishable from {', '.join(others)} in these data)" if others else ""))
+        parts.append(
+            known.words(effect) + (f" (indistinguishable from {', '.join(others)} in these data)" if others else "")
+        )
     return " and ".join(parts)
 
 
@@ -99,7 +105,13 @@ def sentences(d: DiagnosisRecord) -> list[str]:
     else:
         parts = [f"No gap beyond noise ({p}): the model without further effects describes this recording."]
     if d.leading is not None:
-        parts += [_cause(d, d.leading), unusual(d.leading), share_closed(d), nearest(d), sway(d)]
+        parts += [
+            _cause(d, d.leading),
+            unusual(d.leading) if standing(d.base.model) else "",
+            share_closed(d),
+            nearest(d),
+            sway(d),
+        ]
     parts.append(not_a_body(d))
     corrected = d.leading is not None and d.leading.advice
     for contrast in d.contrasts if not corrected else ():  # trials that are labelled differently differ
@@ -143,12 +155,18 @@ def nearest(d: DiagnosisRecord) -> str:
     if d.leading is None or not d.asked.nearest:
         return ""
     if d.nearest is None:  # a gap only between amplitudes or in time has no mechanism to be compared with
-        said = "No mechanism in the library fits with a physiologically plausible size."
+        plausible = "a physiologically plausible size" if standing(d.base.model) else "a size inside its bounds"
+        said = f"No mechanism in the library fits with {plausible}."
         return said if d.detection.p_value < LEVEL else ""
-    said = nearest_words.resembles(d.nearest, named(d.nearest.cause))
+    said = nearest_words.resembles(d.nearest, named(d.nearest.cause, library_of(d.base.model)))
     if d.leading.advice:
         return f"{said} This would be so if the recording were labelled right."
     return f"{said} {nearest_words.leaves(d.nearest, d.detection.chi2_noise)}"
+
+
+def motion(d: DiagnosisRecord) -> str:
+    """What is predicted, in one word."""
+    return "sway" if standing(d.base.model) else "motion"
 
 
 def sway(d: DiagnosisRecord) -> str:
@@ -157,15 +175,17 @@ def sway(d: DiagnosisRecord) -> str:
     if d.leading is None or d.added is None or before is None or after is None or noise is None:
         return ""
     low, high = (number(x, 2) for x in noise)
-    what = f"The error of predicted sway is {number(before)} deg RMS with the base model and {number(after)} deg with"
-    what += f" {effects_of(d.leading)}; noise alone leaves {low} to {high} deg in 95 % of recordings."
+    what = f"The error of predicted {motion(d)} is {number(before)} deg RMS with the base model and {number(after)} deg"
+    what += f" with {effects_of(d.leading)}; noise alone leaves {low} to {high} deg in 95 % of recordings."
     if after > noise[1]:
-        return f"{what} Even then, predicted sway is worse than noise allows."
+        return f"{what} Even then, predicted {motion(d)} is worse than noise allows."
     if before <= noise[1]:
         return f"{what} Both are within noise: this error is too coarse to show the gap."
     if d.closed is not None and d.closed.high < NEARLY_ALL:
-        return f"{what} Predicted sway is then within noise; this error is too coarse to show the rest of the gap."
-    return f"{what} Predicted sway is then as good as noise allows."
+        return (
+            f"{what} Predicted {motion(d)} is then within noise; this error is too coarse to show the rest of the gap."
+        )
+    return f"{what} Predicted {motion(d)} is then as good as noise allows."
 
 
 def not_a_body(d: DiagnosisRecord) -> str:
@@ -175,7 +195,8 @@ def not_a_body(d: DiagnosisRecord) -> str:
         parts.append(_not_a_body(d.added, f"The model with {effects_of(d.leading)}", d.base.theta.size))
     said = " ".join(part for part in parts if part)
     why = "These values make up for what the model lacks; do" if d.detected else "Do"
-    return said and f"{said} {why} not read them as this person's."
+    of = "this person's" if standing(d.base.model) else "estimates"
+    return said and f"{said} {why} not read them as {of}."
 
 
 def _not_a_body(fitted: Fitted, model: str, n: int) -> str:
@@ -186,6 +207,8 @@ def _not_a_body(fitted: Fitted, model: str, n: int) -> str:
         return ""
     negative = [p.name for p, x, _ in parameters if x < 0 < p.value]
     also = f", and {_and(negative)} {'is' if len(negative) == 1 else 'are'} negative" if negative else ""
+    if not standing(fitted.model):
+        return f"{model} fit ends on bounds that the model declares: {_and(on_bound)}."
     return f"{model} fit is not physiological: {_and(on_bound)} are at their bounds{also}."
 
 
@@ -204,11 +227,11 @@ def unusual(cause: Cause) -> str:
     Such a size is known well: its whole 95 % interval lies below half or above twice the usual range. Mass under the
     feet, for example, acts like a loose head of 1 kg.
     """
-    known = [e for e in cause.effects if e in library.LIBRARY and not cause.advice]  # one may be registered no more
-    effect_of = {library.effect(e).size.name: e for e in known}
+    known = [e for e in cause.effects if e in LIBRARY and not cause.advice]  # one may be registered no more
+    effect_of = {LIBRARY[e].size.name: e for e in known}
     parts = []
     for s in cause.sizes:
-        usual = library.usual_size(s.name) if s.name in effect_of else None
+        usual = LIBRARY.usual_size(s.name) if s.name in effect_of else None
         if usual is None:
             continue
         most = max(abs(s.low), abs(s.high))
@@ -230,7 +253,7 @@ def share_closed(d: DiagnosisRecord) -> str:
     if leading is not None and d.added is None and d.asked.closed:
         return (
             f"{effects_of(leading)} changes the response with amplitude or over time, not the mean response, so no "
-            "share of the gap closed and no better prediction of sway is stated."
+            f"share of the gap closed and no better prediction of {motion(d)} is stated."
         )
     if c is None or leading is None:
         return ""
@@ -258,20 +281,23 @@ def _corrected(d: DiagnosisRecord, leading: Cause) -> str:
 
 
 def _cause(d: DiagnosisRecord, first: Cause) -> str:
+    known = library_of(d.base.model)
     if _unnamed(d):
         out = [
             f"No effect of the library explains the gap; a cause outside it is more probable "
             f"({nearest_words.chance(d.unknown_probability)})."
         ]
         if first.probability > 0.05:
-            out.append(f"The most probable named cause is {named(first)} ({nearest_words.chance(first.probability)}).")
+            out.append(
+                f"The most probable named cause is {named(first, known)} ({nearest_words.chance(first.probability)})."
+            )
     else:
         sizes = [f"{s.name} = {with_error(s.estimate, s.se)} {s.unit}".rstrip() for s in first.sizes]
-        what = f"a mislabelled recording, {named(first)}" if first.advice else named(first)
+        what = f"a mislabelled recording, {named(first, known)}" if first.advice else named(first, known)
         out = [f"Most likely cause: {what} ({'; '.join([nearest_words.chance(first.probability), *sizes])})."]
         out += [first.advice] if first.advice else []
         others = [
-            f"{named(d.causes[k])} ({nearest_words.chance(d.causes[k].probability)})"
+            f"{named(d.causes[k], known)} ({nearest_words.chance(d.causes[k].probability)})"
             for k in d.credible_set
             if isinstance(k, int) and k > 0
         ]

@@ -118,13 +118,12 @@ def estimates(fit: FitRecord, name: str) -> np.ndarray:
     if len(fit.lines.parts) > 1:
         raise InputError("convention: expected a fit of one recording, got several stimuli or conditions")
     convention, points, model = CONVENTIONS[name], Points.of(fit.lines), fit.model
-    used = slice(0, model.n_angles)
     width = model.upper - model.lower
 
     def cost(u: np.ndarray) -> float:
-        H = points.model(model, model.lower + width * u, convention.averages)[:, used]
+        H = points.model(model, model.lower + width * u, convention.averages)
         with np.errstate(all="ignore"):  # without a weight the model does not move
-            value = convention.cost(H, points.y[:, used])
+            value = convention.cost(H, points.y)
         return value if np.isfinite(value) else np.inf
 
     rng = stream(fit.method.seed, "conventions")

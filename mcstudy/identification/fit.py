@@ -103,7 +103,7 @@ def searched(lines: Lines, nominal: Model, settings: FitSettings, name: str, sep
     ``separate``: parameters that have a value in each of several conditions. Raises `RecordingError` for too few lines.
     """
     model, nominal = fitted_model(nominal, settings, separate), split(nominal, separate)
-    numbers = 2 * (lines.noise.measured or lines.y.shape[1])  # of one line
+    numbers = 2 * lines.y.shape[1]  # of one line
     if numbers * len(lines) <= len(model.parameters):
         raise RecordingError(
             f"{name}: expected more than {len(model.parameters) // numbers} {lines.unit}s, got {len(lines)}"

@@ -117,7 +117,7 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
         enough = waterfall.size >= least and unseen(found, waterfall.size) < MISSED
         if enough or first + BATCH >= MOST:
             theta = np.concatenate([f.estimate for f in fits])
-            stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], 2 * model.n_angles * len(data.f))
+            stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], 2 * model.n_outputs * len(data.f))
             if stood.any() or waterfall.size >= PATIENCE:
                 break
     for _ in range(ROUNDS):
@@ -127,7 +127,7 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
         begun += len(fits[0].chi2)
         chi2, best, hits = _minima(fits, begun)
         theta = np.concatenate([f.estimate for f in fits])
-        stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], 2 * model.n_angles * len(data.f))
+        stood = standing(growth_rate(model, theta[best]) < 0, chi2[best], 2 * model.n_outputs * len(data.f))
         if chi2[best[stood][0] if stood.any() else best[0]] > below - APART:
             break
     information = np.concatenate([f.information for f in fits])
@@ -149,7 +149,7 @@ def _across(fitter: Fitter, data: Data, theta: np.ndarray, chi2: float) -> Penal
     Minima that fit about as well often lie in one long valley with low passes, and few random starts end in each.
     """
     P = theta.size
-    height = np.full(2 * P, PASS * max(1.0, chi2 / (2 * fitter.model.n_angles * len(data.f))))
+    height = np.full(2 * P, PASS * max(1.0, chi2 / (2 * fitter.model.n_outputs * len(data.f))))
     outwards = np.concatenate([np.eye(P), -np.eye(P)])
     starts, ceiling = np.tile(theta, (2 * P, 1)), chi2 + height
     ends = fitter.ends(fitter.packed(data), starts, outwards, ceiling, height, tolerance=ROUGH)

@@ -15,7 +15,6 @@ from mcstudy.identification.minimum import SEARCHES, TOLD
 from mcstudy.identification.tables import estimates, help_needed, relative
 from mcstudy.identification.trades import Combination, Valley
 from mcstudy.lines.part_fits import told
-from mcstudy.stance.body import standing
 from mcstudy.text_tables import ends, number, p_words, with_error
 
 CORRELATED = 0.9
@@ -64,12 +63,12 @@ def belief(r: FitRecord) -> str:
     added = r.method.effects
     if r.gap is not None:
         finds = "a gap" if gap_found(r) else "no gap"
-        by = "`mcstudy gap diagnose --fast` finds" if standing(r.model) else "The test for a gap finds"
+        by = "`mcstudy gap diagnose --fast` finds"
         by = f"Without the added effects, {by[0].lower()}{by[1:]}" if added else by
         out += f" {by} {finds} beyond noise ({gap_p(r)})."
     if doubtful(r):
         out += " The intervals hold only if the model is right"
-        out += "; `mcstudy gap diagnose` says what it may lack." if standing(r.model) else "."
+        out += "; `mcstudy gap diagnose` says what it may lack."
     return out
 
 

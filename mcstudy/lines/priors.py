@@ -57,8 +57,8 @@ def weak_prior(model: Model, base: Model) -> Prior:
     pulled.
     """
     spread = _spreads(base)
-    sizes = {s.name: s for e in library.LIBRARY.values() for s in e.sizes}
-    forms = {f.name: f for e in library.LIBRARY.values() for f in e.forms}
+    known = library.library_of(base)
+    sizes, forms = known.sizes, {f.name: f for e in known.values() for f in e.forms}
     mean, scale = [], []
     for p in model.parameters:
         if p.name in base.names:

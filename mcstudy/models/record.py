@@ -82,6 +82,12 @@ class ParameterTable(Short):
     upper: Number | None = None
     meaning: Words = ""
 
+    def scaled(self, ratio: float) -> ParameterTable:
+        """The numbers of a gain in N m times ``ratio``, of one per N m over it; arithmetic of constants follows."""
+        power = 1 if self.unit.startswith("N m") else -1 if self.unit.endswith("/(N m)") else 0
+        given = {n: v for n in ("value", "lower", "upper") if isinstance(v := getattr(self, n), float | int)}
+        return self.model_copy(update={name: value * ratio**power for name, value in given.items()}) if power else self
+
 
 class TermTable(Short):
     """A torque that is proportional to a signal: coefficient, gains, s^order, delays and filters times what is sensed.
@@ -166,6 +172,19 @@ class ModelTable(Short):
     def values(self) -> dict[str, float]:
         """The constants as numbers."""
         return resolved(self.constants)
+
+    def with_constants(self, given: Mapping[str, float]) -> ModelTable:
+        """The table with numbers of a person in place of its own; gains follow the ratio of ``mgh``, if that is one.
+
+        Raises `DesignError` for a name that is no constant of the model.
+        """
+        for name in given:
+            _known(name, self.constants, f"constants.{name}")
+        table = self.model_copy(update={"constants": {**self.constants, **given}})
+        if "mgh" not in given:
+            return table
+        ratio = given["mgh"] / self.values()["mgh"]
+        return table.model_copy(update={"parameter": tuple(p.scaled(ratio) for p in self.parameter)})
 
     @property
     def stimuli(self) -> tuple[str, ...]:
@@ -448,12 +467,11 @@ def table_of(model: Model) -> dict[str, Any]:
     """The plain table of a model, without what has its default."""
     if any(b.lines is not None for b in model.blocks):
         raise ModelError(f"model {model.name}: expected stimuli that share their lines, got those of recordings")
-    n = model.n_rows - model.padded
-    joints, angles = tuple(reversed(model.rows))[:n], model.angles[:n]
+    joints, angles = tuple(reversed(model.rows)), model.angles
     sums = {model.senses[angle]: angle for angle in angles}
     if len(angles) == len(SENSES["theta2s"]) - 1:
         sums[SENSES["theta2s"]] = " + ".join(angles)
-    own = angles[0] if n == 1 else ""
+    own = angles[0] if len(angles) == 1 else ""
 
     def term(t: Term) -> dict[str, Any]:
         named = t.sense in angles
@@ -461,7 +479,7 @@ def table_of(model: Model) -> dict[str, Any]:
         if t.sense == "stimulus":
             sense = model.stimulus_names[t.stimulus]
         return {
-            "joint": None if n == 1 else t.row,
+            "joint": None if len(angles) == 1 else t.row,
             "sense": None if sense == own else sense,
             "gain": t.gain,
             "order": t.order,

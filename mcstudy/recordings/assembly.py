@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mcstudy.errors import RecordingError
 from mcstudy.files.local_path import local_path
 from mcstudy.recordings.channels import Read, trials_of
-from mcstudy.recordings.columns import Columns, ModelLike, model_of
+from mcstudy.recordings.columns import Columns, ModelLike, constants_of, model_of
 from mcstudy.recordings.data_files import Files
 from mcstudy.recordings.formats.source import SHOWN, Picked
 from mcstudy.recordings.frf import FrfRecording, columns_of, frf_of_columns, labels_of
 from mcstudy.recordings.recording import Recording, sentences
 from mcstudy.recordings.refusals import refused
-from mcstudy.recordings.sheets.body_sheet import body_of
+from mcstudy.recordings.sheets.body_sheet import Person, body_of
 from mcstudy.recordings.sheets.recording_sheet import Sheet, TrialSheet, document, frf_factor
 from mcstudy.recordings.sheets.tables import described
 from mcstudy.recordings.units import FACTORS, KINDS, agreed, factor, kind_of
-from mcstudy.stance.body import Body
 from mcstudy.stance.feedback import Model
 from mcstudy.text_tables import printable
 
@@ -48,42 +47,56 @@ def read_sheet(
     """
     path = local_path(path)
     sheet = described(Sheet, document(path), str(path))
-    folder = path.parent if data is None else Path(data)
-    with refused(RecordingError, where=path):
-        declared = model_of(sheet.model if model is None else model, path.parent)
-    if sheet.frf is not None:
-        return _frf(sheet, Files(folder, sheet.text.dialect(), str(path)), str(path), declared)
-    return assemble(sheet, folder, str(path), model=declared).recording
+    files = Files(path.parent if data is None else Path(data), sheet.text.dialect(), str(path))
+    subject = _subject(sheet, files, str(path), model, path.parent)
+    return _frf(sheet, files, str(path), subject) if sheet.frf else assemble(sheet, files, str(path), subject).recording
 
 
-def assemble(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = (), model: Model | None = None) -> Assembled:
-    """The recording of a description whose trials are in files of ``folder``, or among ``own`` (see `Files`).
+@dataclass(frozen=True)
+class Subject:
+    """Who or what was recorded: a person, or a declared model and the constants of the person that it took."""
 
-    ``model``: the declared model of which these are outputs, None for a standing body.
-    """
+    person: Person
+    model: Model | None = None
+    constants: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def remark(self) -> str:
+        """What there is to say of the body and of the constants."""
+        return sentences(self.person.remark, ", ".join(f"{n} = {x:.4g}" for n, x in self.constants.items()))
+
+
+def assembled(sheet: Sheet, folder: Path, where: str, own: Sequence[str] = ()) -> Assembled:
+    """The recording of a description whose trials are in files of ``folder``, or among ``own`` (see `Files`)."""
     files = Files(folder, sheet.text.dialect(), where, own)
+    return assemble(sheet, files, where, _subject(sheet, files, where, None, folder))
+
+
+def assemble(sheet: Sheet, files: Files, where: str, subject: Subject) -> Assembled:
+    """The recording of a description."""
+    model = subject.model
     columns = Columns.of(model, sheet.stimulus)
     sheet.channels.require_outputs(columns.outputs, f"{where}: channels")
     for k, trial in enumerate(sheet.trials):
         trial.require_outputs(columns.outputs, f"{where}: trials.{k}")
-    body, source = _subject(sheet, files, where, model)
     if not sheet.trials:
         raise RecordingError(f"{where}: trials: expected at least one")
-    read, notes = trials_of(sheet, columns, files, where)
-    notes = (*notes, *([source] if source else []))
+    read, notes = trials_of(sheet, columns, files, subject.person, where)
+    notes = (*notes, *([subject.remark] if subject.remark else []))
     with refused(RecordingError, where=where):
         recording = Recording(
             tuple(r.trial for r in read),
             read[0].rate_hz,
             sheet.period_s,
             sheet.stimulus,
-            body,
+            subject.person.body,
             sheet.convention,
             sheet.name,
             sentences(sheet.provenance, *notes),
             person=sheet.person,
             condition=sheet.condition,
             model=model,
+            constants=subject.constants,
         )
     return Assembled(recording, read, notes)
 
@@ -100,18 +113,36 @@ def with_files(content: Mapping[str, Any], names: Sequence[str], where: str) -> 
     return sheet.model_copy(update={"trials": tuple(TrialSheet(file=name) for name in names)})
 
 
-def _subject(sheet: Sheet, files: Files, where: str, model: Model | None) -> tuple[Body, str]:
-    """The body, and a sentence on where it comes from; for a declared model neither, nor what describes one."""
-    if model is None:
-        return body_of(sheet.body, files.source, where)
-    for name in ("markers", "upper_body", "body"):
-        if name in sheet.model_fields_set:
-            raise RecordingError(f"{where}: {name}: expected none for outputs of the declared model {model.name}")
-    return Body(), ""
+def _subject(sheet: Sheet, files: Files, where: str, given: ModelLike | None, folder: Path) -> Subject:
+    """Who was recorded; ``given``: a model in place of the one that the description names.
+
+    Of a declared model those constants are the person's that the description states, or that its body has.
+    """
+    stated = sheet.model if given is None else given
+    at = folder if given is None else None
+    with refused(RecordingError, where=where):
+        model = model_of(stated, at)
+        if model is None:
+            if sheet.constants:
+                raise RecordingError("constants: expected a model that has them (model, --model), got none")
+            return Subject(body_of(sheet.body, files.source, where))
+        if "upper_body" in sheet.model_fields_set:
+            raise RecordingError(f"upper_body: expected none for outputs of the declared model {model.name}")
+        person = body_of(sheet.body, files.source, where) if "body" in sheet.model_fields_set else Person(stated=False)
+        constants = dict(sheet.constants)
+        if "body" in sheet.model_fields_set:
+            known = constants_of(stated, at)
+            if not (of_body := {n: x for n, x in person.constants.items() if n in known}):
+                raise RecordingError(
+                    f"body: expected none for model {model.name}, which has none of the constants "
+                    f"{', '.join(person.constants)}"
+                )
+            constants = {**of_body, **constants}
+        return Subject(person, model_of(stated, at, constants), constants)
 
 
-def _frf(sheet: Sheet, files: Files, where: str, model: Model | None) -> FrfRecording:
-    body, remark = _subject(sheet, files, where, model)
+def _frf(sheet: Sheet, files: Files, where: str, subject: Subject) -> FrfRecording:
+    model = subject.model
     columns, labels = Columns.of(model, sheet.stimulus), labels_of(model)
     if sheet.trials or sheet.frf is None:
         raise RecordingError(f"{where}: frf: expected either trials or an frf, got both")
@@ -125,9 +156,11 @@ def _frf(sheet: Sheet, files: Files, where: str, model: Model | None) -> FrfReco
     angle, stimulus = _frf_units(sheet, picked, columns, str(file.path))
     scale = frf_factor(angle, stimulus, columns, where)
     f, y, C, single = frf_of_columns({n: p.values for n, p in picked.items()}, scale, str(file.path), labels)
-    provenance = sentences(sheet.provenance, remark, *files.remarks())
+    provenance = sentences(sheet.provenance, subject.remark, *files.remarks())
     with refused(RecordingError, where=file.path):
-        return FrfRecording(f, y, C, sheet.stimulus, body, single, sheet.name, provenance, model)
+        return FrfRecording(
+            f, y, C, sheet.stimulus, subject.person.body, single, sheet.name, provenance, model, subject.constants
+        )
 
 
 def _frf_units(sheet: Sheet, read: Mapping[str, Picked], columns: Columns, where: str) -> tuple[str | None, str | None]:

@@ -11,14 +11,17 @@ from mcstudy.errors import RecordingError
 from mcstudy.recordings.clock import SAME_RATE, Clock, clock_of
 from mcstudy.recordings.columns import Columns
 from mcstudy.recordings.data_files import Files
+from mcstudy.recordings.displacement import angle_of
 from mcstudy.recordings.faults import angle_faults
 from mcstudy.recordings.formats.source import Picked
-from mcstudy.recordings.markers import space_angles
+from mcstudy.recordings.markers import MarkerSheet, one_angle, space_angles
 from mcstudy.recordings.recording import MOST_TRIALS, RATE_HZ, Trial, refuse_size
 from mcstudy.recordings.refusals import require_within, size_text
 from mcstudy.recordings.resampling import METHOD, filled, resampled, whole_samples
+from mcstudy.recordings.sheets.body_sheet import Person
 from mcstudy.recordings.sheets.recording_sheet import LARGEST_SCALE, Channel, Sheet, Starts, TrialSheet
 from mcstudy.recordings.soundness import FILLABLE, without_gaps
+from mcstudy.recordings.sway import unwrapped
 from mcstudy.recordings.units import KINDS, agreed, factor, kind_of
 
 SAME_LENGTH = 1.5
@@ -31,7 +34,7 @@ class Series:
 
     Attributes: channel; variable, its name in the file; unit, declared or stated by the file, or ``assumed`` to be
     ours; factor from that unit to ours; values (n,) in our unit, rad, N m or m; rate_hz; missing, how many values were
-    interpolated; remark, what was done to its times.
+    interpolated; remarks, what was done to it, in words.
     """
 
     channel: str
@@ -41,7 +44,7 @@ class Series:
     values: np.ndarray
     rate_hz: float
     missing: int = 0
-    remark: str = ""
+    remarks: tuple[str, ...] = ()
     assumed: bool = False
 
 
@@ -55,15 +58,18 @@ class Read:
     rate_hz: float
 
 
-def trials_of(sheet: Sheet, columns: Columns, files: Files, where: str) -> tuple[tuple[Read, ...], tuple[str, ...]]:
+def trials_of(
+    sheet: Sheet, columns: Columns, files: Files, person: Person, where: str
+) -> tuple[tuple[Read, ...], tuple[str, ...]]:
     """All trials of a description, with one rate, and what was done to them in words.
 
-    Raises `RecordingError`, one line that names ``where``, the trial and the channel.
+    ``person``: by which displacements become angles. Raises `RecordingError`, one line that names ``where``, the trial
+    and the channel.
     """
     refuse_size(len(sheet.trials), 0, where)
     pieces: list[tuple[TrialSheet, tuple[Series, ...]]] = []
     for k, trial in enumerate(sheet.trials, start=1):
-        for parts in _series(sheet, columns, trial, files, f"{where}: trial {k}"):
+        for parts in _series(_File(sheet, columns, trial, files, person, f"{where}: trial {k}")):
             pieces.append((trial, parts))
             if len(pieces) > MOST_TRIALS:
                 raise RecordingError(f"{where}: trials: expected at most {MOST_TRIALS}, got more")
@@ -100,14 +106,13 @@ def _common_rate(sheet: Sheet, trials: Sequence[tuple[Series, ...]], where: str)
 
 
 def _notes(sheet: Sheet, trials: Sequence[tuple[Series, ...]], rate: float) -> tuple[str, ...]:
-    notes = list(dict.fromkeys(s.remark for parts in trials for s in parts if s.remark))
+    notes = list(dict.fromkeys(r for parts in trials for s in parts for r in s.remarks if r))
     changed = {(s.channel, s.rate_hz) for parts in trials for s in parts if abs(s.rate_hz / rate - 1) > SAME_RATE}
     for channel, rate_hz in sorted(changed):
         notes.append(f"{channel} resampled from {rate_hz:g} to {rate:g} Hz by a {METHOD}")
     if sheet.upper_body == "space":
         notes.append("theta2 is the upper body's angle in space minus theta1")
-    if sheet.markers is not None:
-        m = sheet.markers
+    if (m := sheet.markers) is not None and sheet.model is None:
         notes.append(
             f"theta1 from markers {' + '.join(m.ankle)} to {' + '.join(m.hip)}, theta2 from {' + '.join(m.hip)} to "
             f"{' + '.join(m.shoulder)} minus theta1; forward {m.forward}, up {m.up}"
@@ -137,7 +142,7 @@ def _trial(
             lasts = ", ".join(f"{p.channel} {p.values.size / p.rate_hz:g} s" for p in parts)
             raise RecordingError(f"{where}: {s.channel}: expected channels of one duration, got {lasts}")
     stimulus, *outputs = (v[:shortest] for v in done)
-    if sheet.upper_body == "space" or sheet.markers is not None:
+    if sheet.upper_body == "space" or (sheet.markers is not None and sheet.model is None):
         outputs[1] = outputs[1] - outputs[0]
     target = columns.stimulus_unit
     per = factor(sheet.units.stimulus or parts[0].unit, target, f"{where}: amplitude")
@@ -160,38 +165,60 @@ def _require_whole(series: Series, where: str) -> None:
     )
 
 
-def _series(sheet: Sheet, of: Columns, trial: TrialSheet, files: Files, where: str) -> list[tuple[Series, ...]]:
+@dataclass(frozen=True)
+class _File:
+    """What is read of one file: its description, the channels that are asked for, and of whom."""
+
+    sheet: Sheet
+    columns: Columns
+    trial: TrialSheet
+    files: Files
+    person: Person
+    where: str
+
+    def given(self, name: str) -> Channel:
+        """What is stated of a channel."""
+        return self.trial.channel(name) or self.sheet.channels.channel(name) or Channel()
+
+
+def _series(file: _File) -> list[tuple[Series, ...]]:
     """The channels of every trial in one file, split but each at its own rate."""
-    channels = "stimulus", *of.outputs
-    given = {n: trial.channel(n) or sheet.channels.channel(n) or Channel() for n in channels}
-    markers = sheet.markers
-    if markers is not None and sheet.split.by is not None:
+    sheet, where, outputs = file.sheet, file.where, file.columns.outputs
+    if sheet.markers is not None and sheet.split.by is not None:
         raise RecordingError(f"{where}: split.by: expected no markers, which are read one trial per file")
-    columns: dict[str, list[Picked]] = {}
-    for name in channels:
-        if name == "stimulus" or markers is None:
-            columns[name] = _arranged(sheet, given[name], trial, name, files, where)
-    if markers is not None:
-        if trial.file is None:
-            raise RecordingError(f"{where}: markers: expected a file")
-        source = files.source(trial.file)
-
-        def fill(p: Picked) -> Picked:
-            rate = p.rate_hz or sheet.rate_hz or 1.0
-            longest = whole_samples(sheet.fill_gaps_s, rate)
-            return replace(p, values=filled(p.values, longest, f"{where}: {p.name}", rate)[0])
-
-        lower, upper = space_angles(markers, source, fill, where)
-        columns |= {of.outputs[0]: [lower], of.outputs[1]: [upper]}
+    picked = ("stimulus", *outputs) if sheet.markers is None else ("stimulus",)
+    columns = {name: _arranged(sheet, file.given(name), file.trial, name, file.files, where) for name in picked}
+    clock = _clock(sheet, file.trial, columns["stimulus"][0], file.files, where)
+    remark = ""
+    if sheet.markers is not None:
+        angles, remark = _of_markers(file, sheet.markers, clock)
+        if len(angles) != len(outputs):
+            raise RecordingError(f"{where}: markers: expected a model of one output, got {file.columns.names}")
+        columns |= {name: [angle] for name, angle in zip(outputs, angles, strict=True)}
     counts = {name: len(trials) for name, trials in columns.items()}
     if len(set(counts.values())) > 1:
         numbers = ", ".join(f"{name} {n}" for name, n in counts.items())
         raise RecordingError(f"{where}: split.by: expected as many trials in every channel, got {numbers}")
-    out = []
-    for k in range(counts["stimulus"]):
-        picked = {name: columns[name][k] for name in channels}
-        out += _pieces(sheet, of, trial, given, picked, files, where)
-    return out
+    trials = ({name: columns[name][k] for name in ("stimulus", *outputs)} for k in range(counts["stimulus"]))
+    return [parts for one in trials for parts in _pieces(file, one, clock, remark)]
+
+
+def _of_markers(file: _File, markers: MarkerSheet, clock: _Timed | None) -> tuple[tuple[Picked, ...], str]:
+    """The angles from markers: two of a standing body, one of a declared model; and what was done, in words."""
+    sheet, where = file.sheet, file.where
+    if file.trial.file is None:
+        raise RecordingError(f"{where}: markers: expected a file")
+    source = file.files.source(file.trial.file)
+
+    def fill(p: Picked) -> Picked:
+        rate = p.rate_hz or (clock.clock.rate_hz if clock else None) or sheet.rate_hz or 1.0
+        longest = whole_samples(sheet.fill_gaps_s, rate)
+        return replace(p, values=filled(p.values, longest, f"{where}: {p.name}", rate)[0])
+
+    if sheet.model is None:
+        return space_angles(markers, source, fill, where), ""
+    angle, words = one_angle(markers, source, fill, file.person, where)
+    return (angle,), words
 
 
 def _pick_from(channel: Channel, trial: TrialSheet, name: str, where: str) -> tuple[str, str | int]:
@@ -231,47 +258,38 @@ def _flat(picked: Picked, where: str) -> Picked:
     return replace(picked, values=values.ravel())
 
 
-def _pieces(
-    sheet: Sheet,
-    columns: Columns,
-    trial: TrialSheet,
-    given: dict[str, Channel],
-    picked: dict[str, Picked],
-    files: Files,
-    where: str,
-) -> list[tuple[Series, ...]]:
+def _pieces(file: _File, picked: dict[str, Picked], clock: _Timed | None, remark: str) -> list[tuple[Series, ...]]:
     """Channels in our units, cut where trials start."""
-    clock = _clock(sheet, trial, picked["stimulus"], files, where)
-    units = columns.stimulus_unit, *columns.units
-    parts = [
-        _converted(sheet, name, unit, given[name], picked[name], clock, where)
-        for name, unit in zip(given, units, strict=True)
-    ]
+    sheet, where = file.sheet, file.where
+    units = file.columns.stimulus_unit, *file.columns.units
+    parts = [_converted(file, name, unit, picked[name], clock) for name, unit in zip(picked, units, strict=True)]
+    if remark:
+        deg = factor("deg", units[1], where)
+        parts[1] = replace(parts[1], unit="deg", factor=deg, remarks=(remark, *parts[1].remarks))
     for s in parts[1:]:
         if s.rate_hz == parts[0].rate_hz and s.values.size != parts[0].values.size:
             raise RecordingError(
                 f"{where}: {s.channel}: {s.values.size} rows, but the stimulus has {parts[0].values.size}"
             )
-    starts = _starts(sheet, trial, parts[0], files, where)
+    starts = _starts(sheet, file.trial, parts[0], file.files, where)
     if starts is None:
         return [tuple(parts)]
     return [tuple(_cut(s, begin, end, where) for s in parts) for begin, end in starts]
 
 
-def _converted(
-    sheet: Sheet, name: str, target: str, channel: Channel, picked: Picked, clock: _Timed | None, where: str
-) -> Series:
-    where = f"{where}: {name}"
+def _converted(file: _File, name: str, target: str, picked: Picked, clock: _Timed | None) -> Series:
+    sheet, channel, where = file.sheet, file.given(name), f"{file.where}: {name}"
     if abs(channel.scale) < 1 / LARGEST_SCALE:
         raise RecordingError(
             f"{where}.scale: expected a size from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}, got {channel.scale:g}"
         )
-    unit = _unit(sheet, name, channel, picked, target, where)
-    scale = channel.scale * factor(unit or target, target, where)
+    measured = "m" if channel.displacement else target
+    unit = _unit(sheet, name, channel, picked, measured, where)
+    scale = channel.scale * factor(unit or measured, measured, where)
+    values, turns = (picked.values, 0) if measured != "rad" else unwrapped(picked.values * scale)
+    values = values / scale if turns else picked.values
     timed = clock if clock is not None and picked.rate_hz in (None, clock.stated) and channel.rate_hz is None else None
-    values = (
-        picked.values if timed is None or picked.values.size != timed.samples else timed.clock.regular(picked.values)
-    )
+    values = values if timed is None or values.size != timed.samples else timed.clock.regular(values)
     rate = _rate(sheet, channel, picked, timed, where)
     values, missing = values if scale == 1.0 else values * scale, 0
     if sheet.fill_gaps_s:
@@ -279,19 +297,38 @@ def _converted(
         if name != "stimulus":
             values, more = without_gaps(values, rate, sheet.fill_gaps_s)
             missing += more
-    remark = timed.clock.remark if timed else ""
-    return Series(name, picked.name, unit or target, scale, values, rate, missing, remark, assumed=unit is None)
+    wrapped = f"{name}: {turns} steps from 360 to 0 deg taken out" if turns else ""
+    remarks = (timed.clock.remark if timed else "", wrapped)
+    series = Series(name, picked.name, unit or measured, scale, values, rate, missing, remarks, assumed=unit is None)
+    return _as_angle(series, channel, file.person, target, where) if channel.displacement else series
+
+
+def _as_angle(series: Series, channel: Channel, person: Person, target: str, where: str) -> Series:
+    """The angle that a displacement is, with what was done in its remarks."""
+    if kind_of(target) != KINDS["rad"]:
+        raise RecordingError(f"{where}: expected neither height nor of, because it is no angle ({target})")
+    values = filled(series.values, 0, where, series.rate_hz)[0]
+    angle, words = angle_of(values, series.variable, series.rate_hz, channel, person, where)
+    remarks = (f"{series.channel} is {words}", *series.remarks)
+    per, deg = factor("rad", target, where), factor("deg", target, where)
+    return replace(series, values=per * angle, unit="deg", factor=deg, remarks=remarks)
 
 
 def _unit(sheet: Sheet, name: str, channel: Channel, picked: Picked, target: str, where: str) -> str | None:
     """The unit of a channel, before its scale: declared, or stated by its file, and never of another kind."""
     general = sheet.units.stimulus if name == "stimulus" else sheet.units.angle
+    general = None if channel.displacement else general
     from_markers = sheet.markers is not None and name != "stimulus"
     declared = None if from_markers else channel.unit or general
     stated = picked.unit or (picked.angle_unit if kind_of(target) == KINDS["rad"] else None)
     calibrated = abs(channel.scale) != 1.0  # the unit is that of the product: volts times N m per volt
     if sheet.units.stated == "ignored" or (calibrated and declared is not None):
         stated = None
+    if target == "rad" and kind_of(declared or stated) == KINDS["m"] and not from_markers:
+        raise RecordingError(
+            f"{where}: expected an angle, got {picked.name} in {declared or stated}; of a displacement state what it "
+            f'is of, {name} = {{column = ..., of = "com"}} (--sway-of com), or its height in m above the axis'
+        )
     unit = agreed(declared, stated, target, where, picked.name)
     return "rad" if from_markers else unit
 

@@ -32,6 +32,18 @@ SMALLEST_SWAY = 1e-9
 SMALLEST_STIMULUS = {"N m": 1e-6, "m": 1e-9, "rad": 1e-9}
 """Smallest half range of a stimulus, per unit; less means that there was no stimulus."""
 
+SMALLEST_OF_PERSON = float(np.deg2rad(0.05))
+"""The same where a person is known to have stood: nobody is so quiet for whole cycles."""
+
+SLOW_HZ = 0.3
+"""Up to here sway follows the tilt, rather than answering late."""
+
+COHERENT = 0.5
+"""Share of slow sway that the stimulus explains, from which on its size and direction are judged."""
+
+LARGEST_ANSWER = 15.0
+"""Largest sway relative to the tilt."""
+
 LARGEST_SWAY = 1.0
 """Largest half range of an angle, rad (57 deg)."""
 
@@ -75,12 +87,15 @@ def check(recording: Recording) -> tuple[Suspicion, ...]:
             _numbers(values, recording.rate_hz, f"{where}: {name}")
         for name, values in _channels(recording, trial):
             if np.ptp(values) == 0:
-                raise RecordingError(f"{where}: {name}: constant ({values[0]:g}) over the whole trial")
+                raise RecordingError(f"{where}: {name}: constant ({values[0] + 0.0:g}) over the whole trial")
         for (first, x), (second, y) in combinations(_channels(recording, trial)[1:], 2):
             if np.array_equal(x, y):
                 raise RecordingError(f"{where}: {second}: identical to {first}")
-        if recording.model is None:  # what a declared model may do is not known
-            _ranges(recording, trial, where)
+        person = "mgh" in recording.constants
+        if recording.model is None or person:  # what another declared model may do is not known
+            _ranges(recording, trial, SMALLEST_OF_PERSON if person else SMALLEST_SWAY, where)
+        if person:
+            suspicions += _answer(recording, trial, where)
         suspicions += faults_in_words(recording, trial, where)
         _periodic(recording, trial, where)
         suspicions += _amplitude(recording, trial, where)
@@ -98,33 +113,65 @@ def _numbers(values: np.ndarray, rate: float, where: str) -> None:
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         raise RecordingError(
-            f"{where}: {bad.size} of {values.size} values are not numbers, the first at t = {bad[0] / rate:g} s"
+            f"{where}: {bad.size} of {values.size} values are not numbers, the first at t = {bad[0] / rate:g} s; short "
+            "gaps are interpolated where that is stated (fill_gaps_s, --fill-gaps)"
         )
     largest = float(np.abs(values).max())
     if largest > LARGEST_NUMBER:
         raise RecordingError(f"{where}: expected numbers up to {LARGEST_NUMBER:g}, got {largest:g}")
 
 
-def _ranges(recording: Recording, trial: Trial, where: str) -> None:
-    for name, values in _channels(recording, trial)[1:]:
+def _ranges(recording: Recording, trial: Trial, smallest: float, where: str) -> None:
+    for (name, values), sway_unit in zip(_channels(recording, trial)[1:], recording.columns.units, strict=True):
+        if sway_unit != "rad":
+            continue
         half = np.ptp(values) / 2
         if half > LARGEST_SWAY:
             raise RecordingError(
                 f"{where}: {name}: sways ±{half:.3g} rad (±{np.rad2deg(half):.3g} deg), which no standing person does; "
                 "are the values in deg or mrad but declared rad?"
             )
-        if half < SMALLEST_SWAY:
+        if half < smallest:
             raise RecordingError(
-                f"{where}: {name}: sways ±{half:.3g} rad; expected at least {SMALLEST_SWAY:g} rad; is the unit right?"
+                f"{where}: {name}: sways ±{half:.3g} rad; expected at least {smallest:.2g} rad; is the unit right?"
             )
     unit, peak = recording.stimulus_unit, trial.peak
-    if not SMALLEST_STIMULUS[unit] <= peak <= LARGEST_STIMULUS[unit]:
+    if unit in LARGEST_STIMULUS and not SMALLEST_STIMULUS[unit] <= peak <= LARGEST_STIMULUS[unit]:
         large = peak > LARGEST_STIMULUS[unit]
         limit = f"less than {LARGEST_STIMULUS[unit]:g}" if large else f"at least {SMALLEST_STIMULUS[unit]:g}"
         raise RecordingError(
             f"{where}: stimulus: reaches ±{peak:.3g} {unit}; expected {limit} for {recording.stimulus}; "
             "is the unit right?"
         )
+
+
+def _answer(recording: Recording, trial: Trial, where: str) -> list[Suspicion]:
+    """Compare the sway of a person with the tilt that evokes it: how many times as large, and in which direction.
+
+    Refuses an answer that is larger than any, and one that is the stimulus itself; tells of one against it.
+    """
+    period, units = recording.period, (recording.stimulus_unit, recording.columns.units[0])
+    if period is None or units != ("rad", "rad") or trial.samples < 2 * period:
+        return []
+    signals = [
+        x[period : trial.samples // period * period].reshape(-1, period) for x in (trial.stimulus, trial.theta[:, 0])
+    ]
+    lines = slice(1, max(3, round(SLOW_HZ * (recording.period_s or 0)) + 1))
+    u, y = (np.fft.rfft(x - x.mean(axis=1, keepdims=True), axis=1)[:, lines] for x in signals)
+    cross, power = (y * u.conj()).sum(), (np.abs(u) ** 2).sum()
+    gain, name = abs(cross) / max(float(power), 1e-300), recording.columns.outputs[0]
+    if np.abs(signals[1] - gain * signals[0]).std() < 1e-6 * signals[1].std():
+        raise RecordingError(f"{where}: {name}: is the stimulus itself, times {gain:.4g}; is it the right column?")
+    coherent = abs(cross) ** 2 / max(float(power * (np.abs(y) ** 2).sum()), 1e-300)
+    if coherent > COHERENT and gain > LARGEST_ANSWER:
+        raise RecordingError(
+            f"{where}: {name}: answers the tilt {gain:.3g} times as large; expected less than {LARGEST_ANSWER:g}; are "
+            "both in the unit that is stated (deg, rad)?"
+        )
+    if coherent > COHERENT and cross.real < -0.5 * abs(cross):
+        against = f"{where}: {name}: moves against the tilt below {SLOW_HZ:g} Hz; if its sign is wrong: scale = -1"
+        return [Suspicion("sign", name, against)]
+    return []
 
 
 def _periodic(recording: Recording, trial: Trial, where: str) -> None:
@@ -144,8 +191,7 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
         )
     u = _sound(trial.stimulus, period, recording.rate_hz)
     u = u - u.mean()
-    size = np.sqrt(np.mean(u**2))
-    difference = np.sqrt(np.mean((u[period:] - u[:-period]) ** 2) / 2) / size
+    difference = change(u, period)
     if difference > PERIODIC:
         repeats = _true_period(trial.stimulus - trial.stimulus.mean())
         hint = (
@@ -157,11 +203,19 @@ def _periodic(recording: Recording, trial: Trial, where: str) -> None:
         )
     for divisor in range(2, 9):
         part = period // divisor
-        if part * divisor == period and np.sqrt(np.mean((u[part:] - u[:-part]) ** 2) / 2) / size < 0.01:
+        if part * divisor == period and change(u, part) < 0.01:
             raise RecordingError(
                 f"{where}: period_s: {recording.period_s:g} s contains {divisor} periods of the stimulus; "
                 f"expected {recording.period_s / divisor:g} s"
             )
+
+
+def change(u: np.ndarray, lag: int) -> float:
+    """RMS difference of a stimulus (n,), zero in the mean, and itself so many samples later, relative to its RMS.
+
+    Divided by the root of two: of noise that differs each time, the RMS of the noise.
+    """
+    return float(np.sqrt(np.mean((u[lag:] - u[:-lag]) ** 2) / 2) / np.sqrt(np.mean(u**2)))
 
 
 def _sound(u: np.ndarray, period: int, rate_hz: float) -> np.ndarray:

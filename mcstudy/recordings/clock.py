@@ -8,13 +8,13 @@ to resample to the second. Rows that were lost leave steps of two or more period
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mcstudy.errors import RecordingError
 from mcstudy.recordings.formats.text import LARGEST_NUMBER
-from mcstudy.recordings.recording import RATE_HZ
+from mcstudy.recordings.recording import RATE_HZ, sentences
 from mcstudy.recordings.refusals import require_within
 from mcstudy.recordings.resampling import at_regular_times
 
@@ -36,6 +36,9 @@ FINEST = 6
 MOST_LOST = 2
 """Most rows per row that is there, of a file that lost rows; fewer would be stamps that come in bursts."""
 
+MOST_REPEATED = 0.1
+"""Largest share of rows with the stamp of the row before, whose values are averaged; more are rounded stamps."""
+
 REMEDIES = (
     "if the samples are regular and only their stamps are not, state the rate (rate_hz, --rate); if they were taken "
     "when stamped, resample them (resample_hz, --resample)"
@@ -56,15 +59,20 @@ class Clock:
         (n,), s from the first; only where values are interpolated at regular times.
     remark
         What was done, in words; empty when the stamps are regular.
+    same
+        Number of the stamp of each row, where rows share one: their mean counts; None where none does.
     """
 
     rate_hz: float
     rows: np.ndarray | None = None
     stamps: np.ndarray | None = None
     remark: str = ""
+    same: np.ndarray | None = None
 
     def regular(self, values: np.ndarray) -> np.ndarray:
         """Values (n,) at regular times: as they are, with nan for lost rows, or interpolated by their stamps."""
+        if self.same is not None:
+            values = np.bincount(self.same, values) / np.bincount(self.same)
         if self.rows is not None:
             out = np.full(int(self.rows[-1]) + 1, np.nan)
             out[self.rows] = values
@@ -108,8 +116,14 @@ def clock_of(
         One line that says how irregular the stamps are and what can be done, or that they are no time.
     """
     span, steps = _checked(time, stated, where)
-    if (steps < 0).any() or (stated is None and (steps == 0).any()):
+    repeated = int(np.count_nonzero(steps == 0))
+    if (steps < 0).any() or (stated is None and repeated > (0 if resample_hz is None else MOST_REPEATED * time.size)):
         raise RecordingError(f"{where}: time: {_backwards(time, steps)}")
+    if stated is None and repeated:
+        once, same = np.unique(time, return_inverse=True)
+        clock = clock_of(once, stated, resample_hz, fill_gaps_s, where)
+        remark = f"{repeated} rows repeat the time stamp of the row before, and are averaged with it"
+        return replace(clock, same=same, remark=sentences(remark, clock.remark))
     fault = _irregular(time, steps)
     if fault is None:
         rate, fault = _rate(time.size, span, stated, where), _scatter(time)
@@ -165,7 +179,13 @@ def _checked(time: np.ndarray, stated: float | None, where: str) -> tuple[float,
 
 def _backwards(time: np.ndarray, steps: np.ndarray) -> str:
     row = int(np.flatnonzero(steps <= 0)[0])
-    remedy = "; if stamps are rounded, state the rate (rate_hz, --rate)" if steps[row] == 0 else ""
+    many = int(np.count_nonzero(steps == 0))
+    remedy = (
+        f"; {many} of {time.size} rows repeat the stamp before them: if stamps are rounded, state the rate (rate_hz, "
+        "--rate); if a few rows were written twice, resample (resample_hz, --resample)"
+        if steps[row] == 0
+        else ""
+    )
     return f"does not increase after t = {time[row]:g} s (row {row + 1}){remedy}"
 
 

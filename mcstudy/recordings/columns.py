@@ -6,8 +6,8 @@ declared model holds what the model calls its outputs, in their units, and a sti
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, Self, TypeVar
 
@@ -17,7 +17,7 @@ from mcstudy.errors import DesignError, RecordingError
 from mcstudy.recordings.refusals import refused
 from mcstudy.recordings.units import factor
 from mcstudy.stance.body import STIMULI, standing
-from mcstudy.stance.feedback import ANGLES, NO_ANGLE, Model, Output, OutputTerm
+from mcstudy.stance.feedback import ANGLES, Model
 
 ModelLike = Model | str | Path
 """A model, its name, or the path of its file."""
@@ -69,13 +69,16 @@ class Columns:
         return [named.index(name) for name in self.outputs]
 
 
-def model_of(given: ModelLike | None, folder: Path | None = None) -> Model | None:
+def model_of(
+    given: ModelLike | None, folder: Path | None = None, constants: Mapping[str, float] | None = None
+) -> Model | None:
     """The declared model that is given as such, by its name or its file; None for that of a standing body.
 
-    Raises `RecordingError`, one line, for an unknown name or a wrong file.
+    ``constants``: numbers of the person in place of those of the model's file, see `ModelTable.with_constants`; a
+    `Model` has its own. Raises `RecordingError`, one line, for an unknown name or a wrong file.
     """
     if isinstance(given, Model):
-        return None if standing(given) else _measured(given)
+        return None if standing(given) else given
     if given is None or given == "two_segment":
         return None
     from mcstudy.models.catalogue import BUILT, read_model
@@ -85,15 +88,14 @@ def model_of(given: ModelLike | None, folder: Path | None = None) -> Model | Non
             f"model: expected a declared model or two_segment, got {given!s}, which a recording of two angles excludes"
         )
     with refused(DesignError, where="model"):
-        return _measured(read_model(given, folder).model())
+        return read_model(given, folder).with_constants(constants or {}).model()
 
 
-def _measured(model: Model) -> Model:
-    """The model with its angle as output, where it has one joint only: the second one is none."""
-    if NO_ANGLE not in model.angles or model.outputs:
-        return model
-    name = model.angles[0]
-    return replace(model, outputs=(Output(name, (OutputTerm(name),), model.unit),))
+def constants_of(given: ModelLike | None, folder: Path | None = None) -> Collection[str]:
+    """Names of the constants that a model takes of a person: those of its file; none for a `Model`."""
+    from mcstudy.models.catalogue import read_model
+
+    return () if given is None or isinstance(given, Model) else read_model(given, folder).constants
 
 
 class Measured(Protocol):
@@ -108,6 +110,10 @@ class Measured(Protocol):
         """The declared model whose outputs it holds."""
 
     @property
+    def constants(self) -> Mapping[str, float]:
+        """Numbers of the person that a declared model takes."""
+
+    @property
     def columns(self) -> Columns:
         """What it holds."""
 
@@ -118,11 +124,13 @@ class Measured(Protocol):
 R = TypeVar("R", bound=Measured)
 
 
-def of_model(recording: R, model: Model | None) -> R:
-    """The recording as one of a declared ``model``: its columns are found by name and converted to the model's units.
+def of_model(recording: R, given: ModelLike | None) -> R:
+    """The recording as one of a declared model: its columns are found by name and converted to the model's units.
 
-    Raises `RecordingError` where an output is missing.
+    A model that is given by its name or its file has the constants of the person recorded. Raises `RecordingError`
+    where an output is missing.
     """
+    model = model_of(given, constants=recording.constants)
     if model is None or recording.model == model:
         return recording
     known, wanted = recording.columns, Columns.of(model)

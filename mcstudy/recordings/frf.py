@@ -74,11 +74,13 @@ class FrfRecording(Summary):
         Inertia and gravity of the person.
     single
         Whether only the first angle (a centre-of-mass or leg angle) of a standing body was published. The one-segment
-        model is then the base, and the second angle is zero in data and model.
+        model is then the base.
     name, provenance
         Text for people.
     model
         The declared model whose outputs were measured; None for a standing body.
+    constants
+        Numbers of the person that it took, as in `Recording`.
 
     Raises
     ------
@@ -95,12 +97,13 @@ class FrfRecording(Summary):
     name: str = "frf"
     provenance: str = ""
     model: Model | None = None
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         escape_texts(self, "name", "provenance")
         if self.model is not None:
             object.__setattr__(self, "stimulus", "stimulus")
-        Y = len(Columns.of(self.model, self.stimulus).outputs)
+        Y = len(self.columns.outputs)
         f, y, C, name = self.f, self.y, self.C, self.name
         n = f.size
         if f.shape != (n,) or y.shape != (n, Y) or C.shape != (n, Y, Y) or n < LEAST_LINES:
@@ -196,10 +199,10 @@ def frf_of_columns(
         return y
 
     single = tuple(labels) == ("1", "2") and not set(columns_of(labels)) - set(columns_of("1")) & set(columns)
-    f, Y = need("f"), len(labels)
     labels = labels[:1] if single else labels
-    per = np.broadcast_to(np.asarray(scale, dtype=float), (Y,))
-    y, C = np.zeros((f.size, Y), dtype=complex), np.tile(np.eye(Y, dtype=complex), (f.size, 1, 1))
+    f, Y = need("f"), len(labels)
+    per = np.resize(np.asarray(scale, dtype=float), len(labels))
+    y, C = np.zeros((f.size, Y), dtype=complex), np.zeros((f.size, Y, Y), dtype=complex)
     for i, k in enumerate(labels):
         y[:, i] = per[i] * response_of(k)
         meaning = "the standard error of the complex response, in the unit of the gain"

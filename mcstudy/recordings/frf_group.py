@@ -64,7 +64,7 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
     path = local_path(path)
     sheet = read_group_sheet(path)
     files = Files(path.parent if data is None else Path(data), Dialect(), str(path))
-    body, source = body_of(sheet.body, files.source, str(path))
+    person = body_of(sheet.body, files.source, str(path))
     table = inside(path.parent if data is None else Path(data), sheet.frf_group.file, str(path))
     columns = Columns.of(None, sheet.stimulus)
     sheet.units.require_both(columns, str(path))
@@ -84,10 +84,10 @@ def read_frf_group(path: str | Path, data: str | Path | None = None) -> xr.Datas
         f_line,
         average,
         sheet.stimulus,
-        body,
+        person.body,
     )
     name = path.stem if sheet.name == "group" else sheet.name
-    return group.assign_attrs(name=name, provenance=sentences(sheet.provenance, source))
+    return group.assign_attrs(name=name, provenance=sentences(sheet.provenance, person.remark))
 
 
 def group_dataset(

@@ -11,13 +11,12 @@ from mcstudy.files.json_files import own_folder
 from mcstudy.files.local_path import local_path
 from mcstudy.files.untrusted import json_document, real_bytes
 from mcstudy.recordings.checks import check
-from mcstudy.recordings.columns import ModelLike, model_of
+from mcstudy.recordings.columns import ModelLike
 from mcstudy.recordings.formats.netcdf_zarr import SHEET, read_dataset, write_csv, write_netcdf, write_zarr
 from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.guards import regular
 from mcstudy.recordings.recording import EXPECTED, Recording
 from mcstudy.recordings.refusals import refused
-from mcstudy.stance.feedback import Model
 
 NETCDF = (".nc", ".nc4", ".h5")
 
@@ -38,8 +37,8 @@ def read_recording(
     data
         Folder of the files that a ``.toml`` names; its own folder when None.
     model
-        The declared model whose outputs the columns are, by name: a `mcstudy.Model`, its name, or its file. None for a
-        standing body, and for a recording that names its model.
+        The declared model whose outputs the columns are, by name: a `mcstudy.Model`, its name, or its file, which then
+        has the constants of the person recorded. None for a standing body, and for a recording that names its model.
 
     Returns
     -------
@@ -53,8 +52,7 @@ def read_recording(
         The recording cannot be used; one line that names file and field.
     """
     path = local_path(path)
-    declared = model_of(model)
-    recording = _structure(path, None if data is None else Path(data), declared)
+    recording = _structure(path, None if data is None else Path(data), model)
     if recording.name in NAMELESS:
         recording = replace(recording, name=path.resolve().parent.name if path.name == SHEET else path.stem)
     if isinstance(recording, FrfRecording):
@@ -63,7 +61,7 @@ def read_recording(
         return replace(recording, suspicions=check(recording))
 
 
-def _structure(path: Path, data: Path | None, model: Model | None) -> Recording | FrfRecording:
+def _structure(path: Path, data: Path | None, model: ModelLike | None) -> Recording | FrfRecording:
     if not path.exists():
         raise RecordingError(f"{path}: no such file")
     regular(path)

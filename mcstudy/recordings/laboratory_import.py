@@ -10,15 +10,17 @@ from typing import Any
 import numpy as np
 
 from mcstudy.errors import RecordingError
-from mcstudy.recordings.assembly import Assembled, assemble, with_files
+from mcstudy.recordings.assembly import Assembled, assembled, with_files
 from mcstudy.recordings.channels import Read, Series
-from mcstudy.recordings.checks import check, repeats_every
-from mcstudy.recordings.columns import model_of
+from mcstudy.recordings.checks import change, check, repeats_every
+from mcstudy.recordings.faults import constant_end
 from mcstudy.recordings.formats import open_source
 from mcstudy.recordings.formats.text_layout import Dialect
-from mcstudy.recordings.recording import Recording
-from mcstudy.recordings.refusals import refused, size_text
+from mcstudy.recordings.recording import MINIMUM_CYCLES, PERIOD_S, Recording
+from mcstudy.recordings.refusals import size_text
 from mcstudy.recordings.sheets.recording_sheet import document
+from mcstudy.recordings.stimulus_family import family
+from mcstudy.recordings.units import as_shown
 from mcstudy.text_tables import escaped, number, table
 
 
@@ -94,15 +96,15 @@ def import_files(
     stated = document(Path(described)) if described is not None else {}
     sheet = with_files(merged(stated, options or {}), names, where)
     folder = Path(described).parent if described is not None else Path(".")
-    with refused(RecordingError, where=where):
-        model = model_of(sheet.model, folder)
-    assembled: Assembled = assemble(sheet, folder, where, names, model)
-    _require_units(assembled.read, where)
-    recording = assembled.recording
+    found: Assembled = assembled(sheet, folder, where, names)
+    _require_units(found.read, where)
+    recording = found.recording
     if not recording.name or recording.name == "recording":
         recording = replace(recording, name=Path(names[0] if names else where).stem)
+    recording, remarks = with_period(recording)
     recording = replace(recording, suspicions=check(recording))
-    return Imported(recording, assembled.read, (*assembled.notes, *_odd(recording)))
+    odd = [f"odd: {s.message}" for s in recording.suspicions]
+    return Imported(recording, found.read, (*found.notes, *remarks, *_stimulus(recording), *odd))
 
 
 def merged(stated: Mapping[str, Any], options: Mapping[str, Any]) -> dict[str, Any]:
@@ -121,15 +123,65 @@ def _require_units(read: Sequence[Read], where: str) -> None:
         raise RecordingError(f"{where}: units.{key}: expected the unit of {series.channel} ({option}), got none")
 
 
-def _odd(recording: Recording) -> list[str]:
-    remarks = [f"odd: {s.message}" for s in recording.suspicions]
-    if recording.period_s is None:
-        period = repeats_every(recording.trials[0].stimulus, recording.rate_hz)
-        if period:
-            remarks.append(
-                f"the stimulus repeats every {period:g} s; to analyse its periods, state period_s (--period {period:g})"
-            )
-    return remarks
+SURELY = 0.025
+"""Largest RMS difference of periods, relative to the RMS of the stimulus, of one that is found; noise of a platform."""
+
+FIRST_STATE = 0.1
+"""Largest part of the first cycle that may be at rest, and is not cut off with what is before it."""
+
+
+def with_period(recording: Recording) -> tuple[Recording, list[str]]:
+    """The recording with the period of its stimulus, where that was not stated but repeats; and that in words.
+
+    A stimulus that is at rest for long before its first cycle, or after its last, is cut there.
+    """
+    if recording.period_s is not None:
+        return recording, []
+    rate, spans = recording.rate_hz, [_moving(t.stimulus, recording.rate_hz) for t in recording.trials]
+    begin, stop = spans[0]
+    u = recording.trials[0].stimulus[begin:stop]
+    period = repeats_every(u, rate)
+    if period is None or change(u - u.mean(), round(period * rate)) > SURELY:
+        return recording, []
+    if period < PERIOD_S.low:
+        raise RecordingError(
+            f"{recording.name}: stimulus: repeats every {period:.3g} s at {rate:g} Hz; is the unit of time right "
+            "(units.time)?"
+        )
+    trials, remarks = [], []
+    for k, (trial, (begin, stop)) in enumerate(zip(recording.trials, spans, strict=True), start=1):
+        missing = (begin - stop) % round(period * rate)
+        first = begin - missing if missing <= min(begin, FIRST_STATE * period * rate) else begin
+        trials.append(replace(trial, stimulus=trial.stimulus[first:stop], theta=trial.theta[first:stop]))
+        if stop - first < trial.samples:
+            span = f"{first / rate:g} to {stop / rate:g} s"
+            remarks.append(f"trial {k}: only {span} is used, because the stimulus is at rest before and after")
+    periodic = replace(recording, trials=tuple(trials), period_s=period)
+    if min(periodic.cycles) < MINIMUM_CYCLES:
+        return recording, [
+            f"the stimulus repeats every {period:g} s; with {MINIMUM_CYCLES} cycles it would be periodic"
+        ]
+    return periodic, [*remarks, f"period of {period:g} s found in the stimulus; for another, state it (--period)"]
+
+
+def _moving(u: np.ndarray, rate_hz: float) -> tuple[int, int]:
+    """From where to where a stimulus (n,) is not at rest for longer than ever between."""
+    before, after = constant_end(u[::-1], rate_hz), constant_end(u, rate_hz)
+    begin = 0 if before is None else before.stop - before.start - 1
+    stop = u.size if after is None else after.start + 1
+    return (begin, stop) if begin < stop else (0, u.size)
+
+
+def _stimulus(recording: Recording) -> list[str]:
+    """What the stimulus of the first trial is, and when its cycles begin."""
+    period, trial = recording.period, recording.trials[0]
+    if period is None:
+        return []
+    cycles = trial.stimulus[: recording.cycles[0] * period].reshape(-1, period)[1:]
+    words = family(cycles.mean(axis=0), recording.rate_hz)
+    size, unit = as_shown(recording.stimulus_unit)
+    peaks = f"{size * np.ptp(cycles.mean(axis=0)):.3g} {unit} from peak to peak"
+    return [f"stimulus: {words}; {peaks}"]
 
 
 def listing(file: str | Path, dialect: Dialect | None = None) -> str:

@@ -9,7 +9,7 @@ writes recordings; `mcstudy.recordings.checks` checks them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Self
@@ -185,6 +185,9 @@ class Recording(Summary):
     model
         The declared model whose outputs were measured; None for a standing body. With a model, ``body`` and the kind of
         stimulus have no meaning.
+    constants
+        Numbers of the person that the declared model took in place of its own, such as ``{"J": 66.0, "mgh": 610.7}``;
+        another model that is given by its name takes them, too.
 
     Raises
     ------
@@ -204,6 +207,7 @@ class Recording(Summary):
     person: str = ""
     condition: str = ""
     model: Model | None = None
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         escape_texts(self, "name", "provenance", "person", "condition")
@@ -332,7 +336,8 @@ def told_subject(recording: Any) -> tuple[str, str]:
     """What a prompt shows of the body, or of the declared model, of a recording."""
     if recording.model is None:
         return "body", f"m g h = {recording.body.mgh:.4g} N m/rad"
-    return "model", f"{recording.model.name}: {recording.columns.names} ({recording.columns.unit})"
+    told = f"{recording.model.name}: {recording.columns.names} ({recording.columns.unit})"
+    return "model", "; ".join([told, *(f"{n} = {x:.4g}" for n, x in recording.constants.items())])
 
 
 def spread(values: Iterable[float]) -> str:

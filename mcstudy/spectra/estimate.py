@@ -131,13 +131,9 @@ class SpectralExperiment:
 
         See `mcstudy.spectra.loop_covariance`; for noise of the loop alone, and as many outputs as sensed angles.
         """
-        n = self._model.n_angles
-        even_f = self._loop_covariance.even / self.bands.period_s
-        at_even = noise_response(self._model, theta, even_f)[:, :n, :n]
-        at_lines = noise_response(self._model, theta, self.bands.line_f)[:, :n, :n]
-        covariance = np.zeros_like(noise.covariance)
-        covariance[:, :n, :n] = self._loop_covariance(noise.even[:, :n], at_even, at_lines)
-        return replace(noise, covariance=covariance)
+        at_even = noise_response(self._model, theta, self._loop_covariance.even / self.bands.period_s)
+        at_lines = noise_response(self._model, theta, self.bands.line_f)
+        return replace(noise, covariance=self._loop_covariance(noise.even, at_even, at_lines))
 
     def known(self, noise: SpectrumNoise) -> SpectrumNoise:
         """The same noise with its true covariance at every line, from theory: without leakage."""

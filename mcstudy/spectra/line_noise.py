@@ -22,21 +22,17 @@ class LineNoise(Summary):
     pooling: how the estimates at neighbouring lines share data; None for a known covariance.
     parts: the noises of independent recordings whose lines follow one another in ``C``, each with a pooling of its
         own; empty for one recording.
-    measured: how many outputs were measured, None for all. Of one that was not, ``C`` is one, and errors are zero.
     """
 
     C: np.ndarray
     dof: np.ndarray
     pooling: Pooling | None = None
     parts: tuple[LineNoise, ...] = ()
-    measured: int | None = None
 
     @classmethod
     def joined(cls, parts: Sequence[LineNoise]) -> LineNoise:
         """The noise of independent recordings, line after line."""
-        C, dof = np.concatenate([p.C for p in parts]), np.concatenate([p.dof for p in parts])
-        measured = {p.measured for p in parts}
-        return cls(C, dof, parts=tuple(parts), measured=measured.pop() if len(measured) == 1 else None)
+        return cls(np.concatenate([p.C for p in parts]), np.concatenate([p.dof for p in parts]), parts=tuple(parts))
 
     @property
     def known(self) -> bool:
@@ -80,7 +76,7 @@ class LineNoise(Summary):
 
     @property
     def _null_draws(self) -> NullDraws:
-        return NullDraws(self.dof, self.pooling, self.C.shape[-1], self.measured)
+        return NullDraws(self.dof, self.pooling, self.C.shape[-1])
 
     @property
     def definite(self) -> bool:

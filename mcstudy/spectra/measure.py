@@ -109,7 +109,7 @@ def require_noise(lines: Lines, recording: Recording | FrfRecording) -> None:
     size = np.abs(lines.y)
     if not (np.isfinite(C).all() and np.isfinite(size).all() and (variance > 0).all() and size.any()):
         raise RecordingError(f"{where}: expected responses with measurement noise, found none")
-    relative = (np.sqrt(variance) / np.maximum(size, 1e-300)).min(axis=1)  # an unpublished angle is zero
+    relative = (np.sqrt(variance) / np.maximum(size, 1e-300)).min(axis=1)
     if np.median(relative) < LEAST_NOISE or relative.min() < LEAST_NOISE_OF_A_LINE:
         raise RecordingError(
             f"{where}: expected noise of at least {LEAST_NOISE:g} of the responses, with which a gap is "
@@ -127,7 +127,7 @@ def _published(frf: FrfRecording) -> Lines:
     return Lines(
         f=frf.f,
         y=y,
-        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * unit_weight, measured=1 if frf.single else None),
+        noise=LineNoise(frf.C.astype(complex), LARGE_DOF * unit_weight),
         repeats=y[None],
         weight=unit_weight[None],
         trial=np.zeros(1, dtype=int),

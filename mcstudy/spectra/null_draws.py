@@ -46,11 +46,11 @@ def pooled(dof: np.ndarray, trials: int) -> Pooling:
 class NullDraws:
     """Null samples (2 N Y, n) for covariances with ``dof`` (N,) degrees of freedom; known ones if ``pooling`` is None.
 
-    ``outputs``: Y. ``measured``: how many of them were, None for all; the errors of the others are zero.
+    ``outputs``: Y.
     """
 
-    def __init__(self, dof: np.ndarray, pooling: Pooling | None, outputs: int, measured: int | None = None) -> None:
-        self._outputs, self._measured = outputs, measured
+    def __init__(self, dof: np.ndarray, pooling: Pooling | None, outputs: int) -> None:
+        self._outputs = outputs
         self._dof = np.maximum(dof, outputs + 1.0)
         self._pooling = pooling
         self._colour = None
@@ -103,7 +103,6 @@ class NullDraws:
         z = np.empty(shape, dtype=complex)
         z.real, z.imag = rng.standard_normal(shape), rng.standard_normal(shape)
         z /= np.sqrt(2)
-        z[:, self._measured or self._outputs :] = 0.0
         return z
 
     def _factors(self, rng: np.random.Generator, n: int) -> dict[tuple[int, int], np.ndarray]:

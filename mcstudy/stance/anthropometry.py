@@ -46,12 +46,15 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Proportions:
-    """A table, for a body of unit mass and unit height: parts of the legs and of the upper body, length of the legs."""
+    """A table, for a body of unit mass and unit height: parts of the legs and of the upper body, lengths of the legs
+    and from hip to shoulder, height of the ankle above the floor."""
 
     source: str
     legs: tuple[Part, ...]
     upper: tuple[Part, ...]
     length: float
+    trunk: float
+    ankle: float = 0.039
 
 
 def hanging(mass: float, top: float, length: float, centre: float, gyration: float) -> Part:
@@ -70,6 +73,8 @@ def _winter() -> Proportions:
         # the table counts from the greater trochanter upwards
         upper=(Part(0.678, 0.626 * (shoulder - hip), 0.496 * (shoulder - hip)),),
         length=hip - ankle,
+        trunk=shoulder - hip,
+        ankle=ankle,
     )
 
 
@@ -146,6 +151,7 @@ def _deleva(rows: _DeLeva, sex: str) -> Proportions:
             *arms,
         ),
         length=length / rows.stature,
+        trunk=rows.shoulder_hip / rows.stature,
     )
 
 
@@ -211,3 +217,23 @@ def _joined(parts: tuple[Part, ...]) -> tuple[float, float, float]:
     height = sum(p.mass * p.height for p in parts) / mass
     inertia = sum(p.mass * (p.gyration**2 + (p.height - height) ** 2) for p in parts)
     return mass, height, math.sqrt(inertia / mass)
+
+
+def centre_of_mass(segments: Mapping[str, float], trunk: float) -> tuple[float, float]:
+    """Weights of the positions of hip and shoulder, from the ankle, in that of the centre of mass of the body.
+
+    The centre of each segment lies on the line between its ends, at the share of its length that the table says.
+
+    Parameters
+    ----------
+    segments
+        m1, h1, m2, h2, L1 as `segments` returns them.
+    trunk
+        Height of the shoulder above the hip by the same table, m.
+    """
+    legs, upper = segments["h1"] / segments["L1"], segments["h2"] / trunk
+    total = segments["m1"] + segments["m2"]
+    # legs: legs * x_hip; upper body: x_hip + upper * (x_shoulder - x_hip)
+    of_shoulder = segments["m2"] * upper / total
+    of_hip = (segments["m1"] * legs + segments["m2"]) / total - of_shoulder
+    return of_hip, of_shoulder

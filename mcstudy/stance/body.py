@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, fields, replace
 
 from mcstudy.errors import ModelError
 from mcstudy.stance import anthropometry
-from mcstudy.stance.feedback import ANGLES, NO_ANGLE, NO_ROW, ROWS, Derived, Model, Parameter, Term
+from mcstudy.stance.feedback import ANGLES, ROWS, Derived, Model, Parameter, Term
+from mcstudy.stance.linked_body import LinkedBody
 from mcstudy.stance.provenance import BODY, stand_in
 from mcstudy.stance.ranges import Range, within
 
@@ -87,9 +88,7 @@ class Body:
         L1: float,
         g: float = 9.81,
     ) -> Body:
-        """Body from its segments: 1 the legs, 2 head, arms and trunk.
-
-        Derived from the linearised double pendulum: M11 = I1 + m1 h1^2 + m2 L1^2, M12 = m2 L1 h2, M22 = I2 + m2 h2^2.
+        """Body from its segments: 1 the legs, 2 head, arms and trunk; a `LinkedBody` of two.
 
         Parameters
         ----------
@@ -113,9 +112,9 @@ class Body:
         for name, value in given.items():
             if fault := SEGMENTS[name].fault(value):
                 raise ModelError(f"body.{name}: {fault}")
-        m12, m22 = m2 * L1 * h2, I2 + m2 * h2**2
-        m11 = I1 + m1 * h1**2 + m2 * L1**2
-        return cls(J1=m11 + m12, J2=m22, C1=m12, C2=m12 + m22, A1=m1 * h1 + m2 * L1, A2=m2 * h2, g=g)
+        linked = LinkedBody((m1, m2), (L1, 0.0), (h1, h2), (I1, I2), g)
+        ((m11, m12), (_, m22)), (a1, a2) = linked.inertia_in_space.tolist(), linked.moments.tolist()
+        return cls(J1=m11 + m12, J2=m22, C1=m12, C2=m12 + m22, A1=a1, A2=a2, g=g)
 
     @classmethod
     def from_person(
@@ -289,7 +288,7 @@ def tilt_of(model: Model) -> str | None:
 
 def standing(model: Model) -> bool:
     """Whether a model is of the standing body: its balances and angles have the names of that body's."""
-    return set(model.rows) <= {*ROWS, NO_ROW} and set(model.angles) <= {*ANGLES, NO_ANGLE}
+    return set(model.rows) <= set(ROWS) and set(model.angles) <= set(ANGLES)
 
 
 def _gain(name: str, unit: str, value: float, meaning: str) -> Parameter:
@@ -402,10 +401,13 @@ def _model(
     """Inertia and gravity, feedback and stimulus as one table; a tilt adds its weight to the parameters."""
     tilted = stimulus in WEIGHTS
     replaced, weights = [BODY] if body != Body() else [], [WEIGHTS[stimulus].name] if tilted else []
+    joints = 1 + any(t.row == ROWS[0] for t in inertia)
     return Model(
         name,
         (*parameters, WEIGHTS[stimulus]) if tilted else parameters,
         (*inertia, *feedback, *stimulus_terms(stimulus, body, feedback)),
+        rows=ROWS[-joints:],
+        angles=ANGLES[:joints],
         stimulus_unit=STIMULI[stimulus],
         provenance=stand_in(PASSIVE[name], replaced, weights),
         derived=tuple(Derived(f"{active} + {passive}", "N m/rad") for active, passive in STIFFNESSES[name]),

@@ -46,9 +46,6 @@ ROWS = ("hip", "ankle")
 ANGLES = ("theta1", "theta2")
 """Names of its two joint angles, in the order of the columns of A(s)."""
 
-NO_ROW, NO_ANGLE = "unused", "none"
-"""Row and angle that a model of one joint does not have."""
-
 SENSES: dict[str, tuple[float, float, float]] = {
     "theta1": (1.0, 0.0, 0.0),
     "theta2": (0.0, 1.0, 0.0),
@@ -284,8 +281,6 @@ def any_unit(units: Iterable[str]) -> str:
 class Model:
     """A closed loop as a table: the sum of the terms of each row is zero.
 
-    A one-segment model has no term in the first row; that row is then padded with the identity.
-
     Attributes
     ----------
     name
@@ -303,7 +298,7 @@ class Model:
         ``("hip", "ankle")`` for two linked segments.
     angles
         Names of the R joint angles (and auxiliary unknowns), that of the lowest joint first; ``("theta1", "theta2")``
-        by default. A model with one joint has one name; the second one is then ``"none"``.
+        by default.
     stimulus_unit
         Unit of the stimulus, such as ``"N m"``, ``"m"`` or ``"rad"``.
     provenance
@@ -343,12 +338,7 @@ class Model:
         for what in ("parameters", "terms", "filters", "outputs", "derived"):
             object.__setattr__(self, what, tuple(getattr(self, what)))
         if not self.rows:
-            rows = ROWS if self.angles == ANGLES else tuple(a for a in reversed(self.angles) if a != NO_ANGLE)
-            object.__setattr__(self, "rows", rows)
-        if len(self.rows) == 1:
-            object.__setattr__(self, "rows", (NO_ROW, *self.rows))
-        if len(self.angles) == 1:
-            object.__setattr__(self, "angles", (*self.angles, NO_ANGLE))
+            object.__setattr__(self, "rows", ROWS if self.angles == ANGLES else tuple(reversed(self.angles)))
         if not any(self.output_filters) and len(self.output_filters) < len(self.angles):
             object.__setattr__(self, "output_filters", (None,) * len(self.angles))
         self._check_axes()
@@ -357,6 +347,12 @@ class Model:
             raise ModelError(f"model {self.name}: parameter {duplicate} is declared twice")
         for term in self.terms:
             self._check_term(term, known, filters)
+        for row in self.rows:
+            if not any(t.row == row for t in self.terms):
+                raise ModelError(
+                    f"model {self.name}: rows: expected a term in each, got none in {row}; a model of one joint has "
+                    "one row and one angle"
+                )
         for name in self.output_filters:
             if name is not None and name not in filters:
                 raise ModelError(f"model {self.name}: unknown output filter {name!r}")
@@ -497,16 +493,6 @@ class Model:
         """Parameter units, shape (P,)."""
         return tuple(p.unit for p in self.parameters)
 
-    @property
-    def n_angles(self) -> int:
-        """Outputs that there are: Y, or 1 for a model of one joint, whose second angle is identically zero."""
-        return self.n_outputs - (self.padded and not self.outputs)
-
-    @property
-    def padded(self) -> bool:
-        """Whether the first of two rows is there for the form only, because the model has one joint."""
-        return self.n_rows == 2 and not any(t.row == self.rows[0] for t in self.terms)
-
     @cached_property
     def delays(self) -> tuple[str, ...]:
         """Names of the parameters that are delays."""
@@ -616,15 +602,12 @@ class Table:
 
     @classmethod
     def of(cls, model: Model) -> Table:
-        """Flatten a model; pads the first row with the identity when no term enters it."""
+        """Flatten a model."""
         index = {name: i for i, name in enumerate(model.names)}
         filter_index = {f.name: i for i, f in enumerate(model.filters)}
-        terms = list(model.terms)
-        if model.padded:
-            terms.append(Term(model.rows[0], model.angles[1]))
         groups: dict[tuple[tuple[int, ...], tuple[int, ...], int], int] = {}
         entry, weight, noisy = [], [], []
-        for term in terms:
+        for term in model.terms:
             delays = [index[name] for name in term.all_delays] + [-1, -1]
             only = -1 if term.only is None else term.only
             key = (tuple(delays[:2]), tuple(filter_index[f] for f in term.filters), only)
@@ -654,7 +637,7 @@ class Table:
             entry=np.array(entry, dtype=np.int64).reshape(-1, 5),
             weight=np.array(weight, dtype=np.float64).reshape(-1, model.n_rows + 2),
             noisy=np.array(noisy, dtype=bool),
-            stimulus=np.array([t.stimulus for t in terms], dtype=np.int64),
+            stimulus=np.array([t.stimulus for t in model.terms], dtype=np.int64),
             group_delay=np.array([d for d, _, _ in groups], dtype=np.int64).reshape(-1, 2),
             group_filters=group_filters,
             group_only=np.array([only for _, _, only in groups], dtype=np.int64),

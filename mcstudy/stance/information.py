@@ -66,15 +66,12 @@ def line_information(model: Model, theta: np.ndarray, f: np.ndarray, whitener: n
     return np.asarray(np.einsum("nip,niq->npq", slope.conj(), slope).real)
 
 
-def unit_variance(covariance: np.ndarray, n_angles: int = 2) -> np.ndarray:
+def unit_variance(covariance: np.ndarray) -> np.ndarray:
     """Matrices W (N, Y, Y) that give errors of ``covariance`` (N, Y, Y) real and imaginary parts of unit variance.
 
-    Angles beyond the first ``n_angles`` get no weight. Raises `numpy.linalg.LinAlgError` for a singular covariance.
+    Raises `numpy.linalg.LinAlgError` for a singular covariance.
     """
-    weight = np.zeros(covariance.shape, dtype=complex)
-    angles = np.s_[:, :n_angles, :n_angles]
-    weight[angles] = np.sqrt(2) * np.linalg.inv(np.linalg.cholesky(covariance[angles]))
-    return weight
+    return np.asarray(np.sqrt(2) * np.linalg.inv(np.linalg.cholesky(covariance)).astype(complex))
 
 
 def standard_errors(information: np.ndarray, gradients: np.ndarray, known: int | None = None) -> np.ndarray:

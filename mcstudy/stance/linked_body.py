@@ -4,7 +4,7 @@ Segment i = 1 .. n from the ground up has the angle phi_i in space; the joint an
 with T the lower triangle of ones. With a_ji = L_i (i < j), h_i (i = j), 0 (i > j) the horizontal motion of
 the centre of mass of segment j per angle of segment i,
 
-    M = T^T (a^T diag(m) a + diag(I)) T,   c_i = sum_j m_j a_ji,   G = -g T^T diag(c) T
+    S = a^T diag(m) a + diag(I),   M = T^T S T,   c_i = sum_j m_j a_ji,   G = -g T^T diag(c) T
     (M s^2 + G) q = torques - s^2 T^T c x0,   x0 the horizontal position of the platform
 
 Derived from the Lagrangian of the chain. A tilt of the surface has no term here: it is in what is sensed.
@@ -62,23 +62,30 @@ class LinkedBody:
 
     @property
     def _arms(self) -> np.ndarray:
-        """a T: motion of the centres of mass per joint angle, m, (segment, joint)."""
-        n = len(self.mass)
-        arms = np.tril(np.tile(self.length, (n, 1)), -1) + np.diag(self.height)
-        return np.asarray(arms @ np.tril(np.ones((n, n))))
+        """a: motion of the centres of mass per angle of a segment in space, m, (centre, segment)."""
+        return np.tril(np.tile(self.length, (len(self.mass), 1)), -1) + np.diag(self.height)
+
+    @property
+    def inertia_in_space(self) -> np.ndarray:
+        """S by segment, kg m^2, (n, n)."""
+        moved = (m * np.outer(a, a) for m, a in zip(self.mass, self._arms, strict=True))
+        return np.asarray(sum(moved, np.diag(self.inertia)))
+
+    @property
+    def moments(self) -> np.ndarray:
+        """c by segment, kg m, (n,): first moments of mass, gravity's stiffness divided by g."""
+        return np.asarray(sum(m * a for m, a in zip(self.mass, self._arms, strict=True)))
 
     @property
     def inertia_matrix(self) -> np.ndarray:
         """M by joint, kg m^2, (n, n)."""
         in_space = np.tril(np.ones((len(self.mass),) * 2))
-        return np.asarray(
-            self._arms.T @ np.diag(self.mass) @ self._arms + in_space.T @ np.diag(self.inertia) @ in_space
-        )
+        return np.asarray(in_space.T @ self.inertia_in_space @ in_space)
 
     @property
     def platform(self) -> np.ndarray:
         """T^T c, kg m, (n,): torque by joint per acceleration of the platform, with the opposite sign."""
-        return np.asarray(np.array(self.mass) @ self._arms)
+        return np.cumsum(self.moments[::-1])[::-1]
 
     @property
     def gravity_matrix(self) -> np.ndarray:

@@ -232,8 +232,8 @@ def record(coefficients: np.ndarray, n_samples: int) -> np.ndarray:
     if channels > 2:
         pairs = [record(coefficients[:, k : k + 2], n_samples) for k in range(0, channels, 2)]
         return np.concatenate(pairs, axis=1)
-    if channels == 1:
-        return np.asarray(fft.irfft(coefficients, n_samples, axis=0, norm="forward"))
+    if channels == 1:  # the first of two, to the last bit
+        return record(np.pad(coefficients, ((0, 0), (0, 1))), n_samples)[:, :1]
     spectrum = np.empty(n_samples, dtype=np.complex128)
     first, second = coefficients[:, 0], coefficients[:, 1]
     mirrored = slice(n_samples - n_lines, 0, -1)  # coefficients 1 .. below Nyquist, descending

@@ -150,6 +150,12 @@ def output_matrices(model: Model, s: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return every[..., :R], d
 
 
+def replies(model: Model, theta: np.ndarray, s: np.ndarray, A: np.ndarray) -> np.ndarray:
+    """(N, Y, R) outputs per unit of torque by row, with ``A`` (N, R, R) of `system` at complex ``s`` (N,)."""
+    angles = _output(model, theta, s)[..., None] * np.linalg.inv(A)
+    return np.asarray(output_matrices(model, s)[0] @ angles) if model.outputs else angles
+
+
 def _output(model: Model, theta: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Output filters per angle, (..., N, R)."""
     table = model.table

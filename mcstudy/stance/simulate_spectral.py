@@ -11,9 +11,18 @@ from functools import reduce
 
 import numpy as np
 
+from mcstudy.errors import InputError
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.noise import MeasurementNoise, Noise, record, record_frequencies, white_coefficients
 from mcstudy.stance.response import frf, noise_response
+
+
+def _require_sources(model: Model, noise: Noise) -> None:
+    """Raise `InputError` unless there is a noise for each angle that is sensed."""
+    if noise.sources != model.n_rows:
+        raise InputError(
+            f"noise: expected one for each angle of {model.name} ({', '.join(model.angles)}), got {noise.sources}"
+        )
 
 
 class NoiseSway:
@@ -36,6 +45,7 @@ class NoiseSway:
         rate_hz: float,
         measured: MeasurementNoise | None = None,
     ) -> None:
+        _require_sources(model, noise)
         self.n_samples, self.rate_hz, self.measured = n_samples, rate_hz, measured
         f = record_frequencies(n_samples, rate_hz)
         shaping = np.zeros((f.size, model.n_outputs, noise.sources), dtype=complex)
@@ -64,6 +74,7 @@ def sway_psd(
     In the squares of the outputs' units (rad) per Hz. Entry (i, j) is the density of output i times the conjugate of
     output j (derived). ``measured``: density of the noise of the recording itself, (Y, Y), which is added.
     """
+    _require_sources(model, noise)
     response = noise_response(model, theta, f)
     density = np.einsum("nis,ns,njs->nij", response, noise.psd(f), response.conj())
     return density if measured is None else density + measured

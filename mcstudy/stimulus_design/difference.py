@@ -100,10 +100,9 @@ def difference(
         except ModelError as error:
             raise InputError(f"design.effects: {name}: {error}") from None
     columns = np.column_stack([fitted.jacobian(data) * np.abs(model.truth), *(s.vector for s in chosen)])
-    left = columns.reshape(2, f.size, 2, -1)  # real and imaginary parts, lines, angles
+    left = columns.reshape(2, f.size, -1, columns.shape[1])  # real and imaginary parts, lines, angles
     white = (left[0] + 1j * left[1])[..., -len(effects) :]
-    # of one angle the whitener is singular, and the other angle has no response
-    responses = data.y + np.moveaxis(np.linalg.pinv(whitener * drive) @ white, -1, 0)
+    responses = data.y + np.moveaxis(np.linalg.inv(whitener * drive) @ white, -1, 0)
     unit = left / drive
     information = np.einsum("cnip,cniq->npq", unit, unit)
     return Difference(base, effects, tuple(s.sizes for s in chosen), f, whitener, responses, information)

@@ -57,7 +57,7 @@ def costs(model: Model, theta: np.ndarray, sequence: Stimulus, f: np.ndarray) ->
     out = []
     for first in range(0, len(theta), CHUNK):
         some = theta[first : first + CHUNK]
-        whole, at_lines = (np.abs(frf(model, some, x)[..., : model.n_angles]) ** 2 for x in (every, f))
+        whole, at_lines = (np.abs(frf(model, some, x)) ** 2 for x in (every, f))
         out.append(np.swapaxes(at_lines / np.einsum("k,bka->ba", power, whole)[:, None], 1, 2))
     return np.concatenate(out)
 

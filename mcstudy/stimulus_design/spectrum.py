@@ -184,7 +184,7 @@ def whitener(file: DesignFile, model: Model, f: np.ndarray) -> np.ndarray:
     recorded = None if measured is None else measured.psd_without_ramp(f, duration, file.stimulus.rate_hz)
     noise = file.noise.of(model.angles)
     C = expected_line_covariance(model, model.truth, noise, f, np.ones(f.size), duration, recorded)
-    return unit_variance(C, model.n_angles)
+    return unit_variance(C)
 
 
 def information(file: DesignFile, model: Model, f: np.ndarray) -> np.ndarray:
@@ -210,7 +210,7 @@ def size_of(model: Model, periodic: Stimulus) -> Size:
     c = periodic.coefficients()
     k = np.flatnonzero(c)
     f, power = k / periodic.period_s, np.abs(c[k]) ** 2
-    response = np.abs(frf(model, model.truth, f)[:, : model.n_angles]) ** 2
+    response = np.abs(frf(model, model.truth, f)) ** 2
     wave = periodic.waveform()
     return Size(
         rms=float(np.sqrt(2 * power.sum())),
@@ -226,7 +226,7 @@ def noise_sway(file: DesignFile, model: Model, top_hz: float = 20.0) -> np.ndarr
     period = file.period_s
     f = np.arange(1, int(top_hz * period) + 1) / period
     noise = file.noise.of(model.angles)
-    density = np.einsum("nii->ni", sway_psd(model, model.truth, noise, f)).real[:, : model.n_angles]
+    density = np.einsum("nii->ni", sway_psd(model, model.truth, noise, f)).real
     return np.asarray(np.sqrt(density.sum(axis=0) / period))
 
 

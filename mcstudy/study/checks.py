@@ -85,7 +85,7 @@ def _check_response(group: Group, model: Model) -> None:
             response, slope = frf_jacobian(model, model.truth, kept_points(group).f)
     except np.linalg.LinAlgError:
         response = slope = np.array(np.nan)
-    size = np.abs(response[..., : model.n_angles]) if response.ndim else np.abs(response)
+    size = np.abs(response)
     if not (np.isfinite(slope).all() and (size > SMALLEST_RESPONSE).all() and (size < 1 / SMALLEST_RESPONSE).all()):
         raise DesignError(
             f"model: expected a response of {SMALLEST_RESPONSE:g} to {1 / SMALLEST_RESPONSE:g} "
@@ -170,9 +170,9 @@ def noisy_outputs(group: Group, model: Model) -> bool:
     """Whether the errors of a group's responses have a covariance that can be inverted."""
     if group.simulator == "none":
         return False
-    measured, n = group.measurement_noise, model.n_angles
+    measured = group.measurement_noise
     recorded = None if measured is None else measured.psd(group.stimulus.rate_hz)
-    density = sway_psd(members(model)[0], model.truth, group.noise_source, kept_points(group).f, recorded)[:, :n, :n]
+    density = sway_psd(members(model)[0], model.truth, group.noise_source, kept_points(group).f, recorded)
     size = np.sqrt(np.einsum("nii->ni", density).real)
     if not (size > 0).all():
         return False
@@ -233,7 +233,7 @@ def check_fmax(
 
 def check_determined(frequencies: int, model: Model, fmax: float, field: str) -> None:
     """Raise `DesignError` unless the frequencies up to ``fmax`` give as many numbers as there are parameters."""
-    parameters, a_frequency = len(model.parameters), 2 * model.n_angles
+    parameters, a_frequency = len(model.parameters), 2 * model.n_outputs
     if a_frequency * frequencies < parameters:
         raise DesignError(
             f"{field}: expected at least {-(-parameters // a_frequency)} frequencies for {parameters} parameters, "

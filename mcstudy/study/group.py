@@ -8,7 +8,6 @@ or robot needs; a value outside it is a typing error and would lead to numbers t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -155,6 +154,11 @@ class ModelSection(ModelTable):
     def declared(self) -> bool:
         """Whether the section holds the whole model."""
         return self.kind == DECLARED
+
+    @property
+    def sensed(self) -> tuple[str, ...]:
+        """Names of the angles, which are what is measured where no outputs are declared."""
+        return self.angles or self.joints or (ANGLES[:1] if self.kind == "one_segment" else ANGLES)
 
     @property
     def title(self) -> str:
@@ -482,20 +486,14 @@ class Group(Section):
     @property
     def noise_source(self) -> Noise:
         """The sensor noise in the unit of the model's angles."""
-        angles = self.model.angles or self.model.joints or ANGLES
-        return self.noise.of(angles if len(angles) > 1 else (*angles, "none"), self.model.unit)
+        return self.noise.of(self.model.sensed, self.model.unit)
 
     @property
     def measurement_noise(self) -> MeasurementNoise | None:
         """The noise of what is recorded, in the units of the outputs; None for none."""
         section = self.model
-        angles = section.joints or ANGLES
         units = tuple(section.unit if o.unit is None else o.unit for o in section.output)
-        noise = self.noise.measurement.of(units or (section.unit,) * len(angles))
-        if noise is None or units or len(angles) > 1:
-            return noise
-        ((variance,),) = noise.covariance  # of one joint, whose second angle has none
-        return replace(noise, covariance=((variance, 0.0), (0.0, 0.0)))
+        return self.noise.measurement.of(units or (section.unit,) * len(section.sensed))
 
     @property
     def until_certain(self) -> bool:

@@ -104,8 +104,8 @@ class Closure(TypedDict):
 
 @closed
 class SwayError(TypedDict):
-    """Error of predicted sway, deg, over both angles: base model, with the leading cause, and where only
-    noise is left."""
+    """Error of predicted sway, deg, over all angles: base model, with the leading cause, and where only noise is left;
+    null where outputs are no angles in rad."""
 
     before: float | None
     after: float | None
@@ -164,8 +164,10 @@ class ResidualMap(TypedDict):
     """Standardised residuals per line, leverage removed; limit: 95 % of the largest under noise."""
 
     f: list[float]
-    theta1: list[float]
-    theta2: list[float]
+    theta1: NotRequired[list[float]]
+    theta2: NotRequired[list[float]]
+    outputs: NotRequired[dict[str, list[float]]]
+    """In place of both angles: what a declared model measures, by name."""
     limit: float
 
 
@@ -296,7 +298,8 @@ class Diagnosis(TypedDict):
     """Whether there is a gap beyond noise at the 5 % level."""
     p_value: Probability
     """p-value of that test, including amplitude dependence and drift."""
-    place: Place
+    place: Place | dict[str, Probability]
+    """Of a declared model: of its rows, "stimulus" and "sensor"."""
     place_abstained: Probability
     causes: list[Cause]
     """Causes in order of decreasing probability; negligible ones are left out."""

@@ -94,6 +94,9 @@ class Attrs(TypedDict):
     convention: Literal["peak", "peak_to_peak"]
     model: NotRequired[Annotated[str, Field(json_schema_extra={"contentMediaType": "application/json"})]]
     """JSON text: the declared model whose outputs were measured, as `model`; absent for a standing body"""
+    constants: NotRequired[Annotated[str, Field(json_schema_extra={"contentMediaType": "application/json"})]]
+    """JSON text: numbers of the person that the declared model took in place of its own, by name (J, mgh); absent for
+    none"""
     body: NotRequired[Annotated[str, Field(json_schema_extra={"contentMediaType": "application/json"})]]
     """of a standing body; JSON text: J1, J2, C1, C2 in kg m^2, A1, A2 in kg m, g in m/s^2 (linearised two-segment body;
     the ankle row is the whole-body balance)"""

@@ -36,8 +36,8 @@ def cube_of(group: Group, rng: np.random.Generator, spread: float = 0.1, hit_rat
         ("amplitude", "fmax", "realization", "start"),
         ("amplitude", "fmax", "realization", "start", "parameter"),
     )
-    N = len(bands)
-    covariance = np.broadcast_to(1e-12 * np.eye(2, dtype=complex), (A, R, N, 2, 2)).copy()
+    N, Y = len(bands), model.n_outputs
+    covariance = np.broadcast_to(1e-12 * np.eye(Y, dtype=complex), (A, R, N, Y, Y)).copy()
     data: dict[str, Any] = {
         "estimate": (per, estimate),
         "initial": (per, rng.uniform(model.lower, model.upper, (A, F, R, S, P))),
@@ -52,7 +52,7 @@ def cube_of(group: Group, rng: np.random.Generator, spread: float = 0.1, hit_rat
         "n_frequencies": ("fmax", [len(bands.below(f)) for f in group.fmax]),
         "true_frf": (("frequency", "angle"), frf(model, model.truth, bands.f)),
     }
-    ideal, size = data["true_frf"][1], (A, R, N, 2)
+    ideal, size = data["true_frf"][1], (A, R, N, Y)
     scatter = spread * (rng.standard_normal(size) + 1j * rng.standard_normal(size)) / np.sqrt(2)
     data["frf"] = (("amplitude", "realization", "frequency", "angle"), ideal * (1 + scatter))
     if group.simulator != "none":
@@ -65,8 +65,8 @@ def cube_of(group: Group, rng: np.random.Generator, spread: float = 0.1, hit_rat
             "realization": np.arange(R),
             "start": np.arange(S),
             "parameter": list(model.names),
-            "angle": ["theta1", "theta2"],
-            "angle_2": ["theta1", "theta2"],
+            "angle": list(model.output_names),
+            "angle_2": list(model.output_names),
             "frequency": bands.f,
         },
         attrs={

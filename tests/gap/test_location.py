@@ -35,7 +35,7 @@ def test_places_share_the_posterior(plain_lines: list[Lines]) -> None:
         ((), 0.1),
         unknown={"hip": 0.05, "": 0.15},
     )
-    place, abstained = locations(explanation)
+    place, abstained = locations(explanation, BASE)
     assert place == pytest.approx(
         {"ankle": 0.5, "hip": 0.15, "stimulus": 0.05, "sensor": 0.05, "body": 0.0, "recording": 0.0}
     )

@@ -32,10 +32,8 @@ def published(
     y = frf(model, model.truth if theta is None else theta, f)
     sd = noise * np.abs(y)
     y = y + sd * (rng.standard_normal(y.shape) + 1j * rng.standard_normal(y.shape)) / np.sqrt(2)
-    C = np.zeros((n, 2, 2), dtype=complex)
-    single = model.n_angles == 1
-    C[:, 0, 0], C[:, 1, 1] = sd[:, 0] ** 2, 1.0 if single else sd[:, 1] ** 2
-    return FrfRecording(f, y, C, kind, body, single)
+    C = (sd[:, :, None] ** 2 * np.eye(model.n_outputs)).astype(complex)
+    return FrfRecording(f, y, C, kind, body, single=model.n_outputs == 1)
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -53,6 +51,7 @@ def test_one_angle_is_fitted_and_diagnosed(tmp_path: Path, kind: str, n: int, no
     assert ANGLE in fitted.warnings
     assert ANGLE in diagnosis.warnings
     assert {band.angle for band in diagnosis.detection.bands} == {"theta1"}
+    assert diagnosis.to_dict()["z_map"].keys() == {"f", "theta1", "limit"}
     if effect and n == 28:
         assert diagnosis.detected
         assert diagnosis.causes[0].effects == (effect,)

@@ -181,11 +181,12 @@ def test_the_command_writes_what_fit_and_diagnose_read_and_tells_what_it_read(
     assert f"written: {out}" in told
 
 
-def test_a_period_that_is_not_stated_is_told_and_not_used(lab: Path, truth: Recording) -> None:
+def test_a_period_that_is_not_stated_is_found_and_told(lab: Path, truth: Recording) -> None:
     files, described, _ = FORMATS["MATLAB 5"]
     found = import_files([lab / files[0]], None, {**described, "upper_body": "space"})
-    assert found.recording.period_s is None
-    assert f"state period_s (--period {truth.period_s:g})" in found.text()
+    assert found.recording.period_s == truth.period_s
+    assert "period of 4.84 s found in the stimulus; for another, state it (--period)" in found.text()
+    assert "PRTS of 242 states of 0.02 s (base 3, order 5), odd harmonics only" in found.text()
 
 
 def test_the_variables_of_a_file_are_listed_and_named_when_one_is_missing(

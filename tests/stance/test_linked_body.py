@@ -9,7 +9,7 @@ import mcstudy as mc
 from mcstudy.errors import ModelError
 from mcstudy.stance.body import Body
 from mcstudy.stance.feedback import Model, Parameter, Term
-from mcstudy.stance.response import frf
+from mcstudy.stance.response import frf, system
 
 THREE = mc.LinkedBody(
     (6.789, 14.600, 49.494), (0.41328, 0.41160, 0.0), (0.23432976, 0.2333772, 0.30288384),
@@ -36,11 +36,20 @@ def test_three_segments_have_the_matrices_of_another_program() -> None:
     np.testing.assert_allclose(THREE.platform * 9.81, [655.7946, 380.3334, 147.0611], atol=6e-5)
 
 
-def test_two_segments_are_those_of_the_two_segment_body() -> None:
-    one = Body.from_segments(m1=26.0, h1=0.55, I1=1.4, m2=50.0, h2=0.32, I2=3.1, L1=0.9)
-    two = mc.LinkedBody((26.0, 50.0), (0.9, 0.0), (0.55, 0.32), (1.4, 3.1))
-    np.testing.assert_allclose(two.inertia_matrix, [[one.J1 + one.C2, one.C2], [one.C1 + one.J2, one.J2]])
-    np.testing.assert_allclose(two.platform, [one.A1 + one.A2, one.A2])
+def test_two_segments_are_the_double_pendulum_and_the_two_segment_body() -> None:
+    m1, h1, I1, m2, h2, I2, L1 = 26.0, 0.55, 1.4, 50.0, 0.32, 3.1, 0.9
+    one = Body.from_segments(m1=m1, h1=h1, I1=I1, m2=m2, h2=h2, I2=I2, L1=L1)
+    two = mc.LinkedBody((m1, m2), (L1, 0.0), (h1, h2), (I1, I2))
+    trunk = I2 + m2 * h2**2  # about the hip; the rest by Steiner's theorem with the hip bent or not
+    both = I1 + m1 * h1**2 + I2 + m2 * (L1 + h2) ** 2
+    expected = [[both, trunk + m2 * L1 * h2], [trunk + m2 * L1 * h2, trunk]]
+    np.testing.assert_allclose(two.inertia_matrix, expected, rtol=1e-15)
+    np.testing.assert_allclose([[one.J1 + one.C2, one.C2], [one.C1 + one.J2, one.J2]], expected, rtol=1e-15)
+    np.testing.assert_allclose(two.platform, [one.A1 + one.A2, one.A2], rtol=1e-15)
+    plants = [Model("plant", (), terms, angles=angles) for terms, angles in (
+        (one.terms(), ("theta1", "theta2")), (two.terms(("ankle", "hip")), ("ankle", "hip")))]  # fmt: skip
+    of_body, of_chain = (system(plant, np.zeros(0), 2j * np.pi * F)[0] for plant in plants)
+    np.testing.assert_allclose(of_chain, of_body, rtol=1e-15)
     weight = two.outputs(("ankle", "hip"))[1].terms[1].coefficient
     assert weight == pytest.approx(one.A2 / (one.A1 + one.A2))
 

@@ -182,7 +182,6 @@ def test_derivatives_agree_with_central_differences(kind: str, make) -> None:
     model = make(stimulus=kind)
     theta = model.truth
     H, J = frf_jacobian(model, theta, F)
-    n = model.n_angles
     for j, value in enumerate(theta):
         slopes = []
         for step in (1e-3 * value, 5e-4 * value):
@@ -190,7 +189,7 @@ def test_derivatives_agree_with_central_differences(kind: str, make) -> None:
             ahead, back, far, behind = (frf(model, theta + k * e, F) for k in (1, -1, 2, -2))
             slopes.append((8 * (ahead - back) - (far - behind)) / (12 * step))
         expected = (16 * slopes[1] - slopes[0]) / 15
-        assert np.abs(J[..., j] - expected)[:, :n].max() < 1e-8 * (np.abs(expected).max() + np.abs(H).max() / value)
+        assert np.abs(J[..., j] - expected).max() < 1e-8 * (np.abs(expected).max() + np.abs(H).max() / value)
 
 
 @pytest.mark.parametrize("kind", WEIGHTS)

@@ -40,6 +40,9 @@ def add_arguments(parser: Parser) -> None:
     added = below("gap")
     named = VERBS | {name: command.HELP for name, command in added.items()}
     effects, diagnose, report, compare, planned, *others = parser.add_verbs("gap", named)
+    effects.add_argument(
+        "--model", metavar="NAME|FILE", help="those of a declared model (`mcstudy models`, or a .toml)"
+    )
     effects.set_defaults(run=_effects)
     add_output_arguments(diagnose, "diagnosis")
     add_page_argument(diagnose, "also write the page of gap report")
@@ -139,10 +142,12 @@ def main(args: argparse.Namespace) -> Exit:
     return code
 
 
-def _effects(_: argparse.Namespace) -> Exit:
-    from mcstudy.effect_library.library import table_text
+def _effects(args: argparse.Namespace) -> Exit:
+    from mcstudy.effect_library.library import LIBRARY, library_of, table_text
+    from mcstudy.recordings.columns import model_of
 
-    print(table_text())
+    model = model_of(args.model)
+    print(table_text(LIBRARY if model is None else library_of(model)))
     return Exit.DONE
 
 

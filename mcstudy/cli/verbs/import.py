@@ -24,7 +24,7 @@ def add_arguments(parser: Parser) -> None:
         "files",
         nargs="*",
         metavar="FILE",
-        help=f"{accepted()}; one per trial, unless --map or --split says otherwise",
+        help=f"{accepted()}; one per trial, unless --map or --split says otherwise; or a folder of people",
     )
     add_out_argument(parser, "REC", "recording to write (.nc or .zarr)", dest="output")
     parser.add_argument(
@@ -42,7 +42,18 @@ def add_arguments(parser: Parser) -> None:
         "time": "time, if the file has it",
     }.items():
         what.add_argument(f"--{name}", metavar="VARIABLE", help=meaning)
+    what.add_argument(
+        "--model", metavar="NAME|FILE", help="declared model whose outputs are read (default: two angles)"
+    )
+    what.add_argument(
+        "--channel",
+        action="append",
+        default=[],
+        metavar="NAME=VARIABLE",
+        help="variable of an output of that model, e.g. sway=COM; may be repeated",
+    )
     what.add_argument("--upper-body", choices=("hip", "space"), help="what theta2 is in the files (default hip)")
+    _add_sway(parser)
     units = parser.add_group("units and rates")
     units.add_argument("--unit", metavar="UNIT", help="of the angles: deg, rad, mrad")
     units.add_argument("--stimulus-unit", metavar="UNIT", help="of the stimulus: N m, N mm, kgf m; m, cm, mm; deg, rad")
@@ -90,6 +101,37 @@ def add_arguments(parser: Parser) -> None:
     person.add_argument("--weight", type=float, metavar="KG", help="body mass, kg")
     person.add_argument("--sex", choices=("female", "male"), help="chooses de Leva's table; without it Winter's")
     person.add_argument("--name", help="name of the recording")
+    people = parser.add_group(
+        "a folder of people",
+        "FILE is a folder with metadata.xlsx (or .csv): Subject ID, body_height_m, body_weight_kg and a column per "
+        "condition (c1: ...) with the number of the trial; quality_flags.csv; and the trials, ..SUBJECT_t3.csv, below "
+        "it. REC is then a folder of recordings with people.csv, for fit --people.",
+    )
+    people.add_argument(
+        "--conditions", nargs="+", default=[], metavar="C", help="only these, e.g. c1 c3 (default: all)"
+    )
+    people.add_argument(
+        "--quality",
+        choices=("usable", "good"),
+        default="usable",
+        help="flags that are used: 0 and 1 (usable, default), or without 1, the doubtful ones (good)",
+    )
+
+
+def _add_sway(parser: Parser) -> None:
+    sway = parser.add_group(
+        "one sway angle", "With --model independent_channel, or another model of one angle whose output is called sway."
+    )
+    sway.add_argument("--sway", metavar="VARIABLE", help="the angle, or a displacement of which it is made")
+    sway.add_argument("--sway-unit", metavar="UNIT", help="of a displacement: m, cm, mm (default: as the file states)")
+    sway.add_argument("--sway-of", choices=("com", "cop"), help="displacement of the centre of mass, or of pressure")
+    sway.add_argument("--sway-height", type=float, metavar="M", help="height of the displacement above the ankle, m")
+    sway.add_argument("--hip-rod", metavar="VARIABLE", help="displacement of the hip, with --shoulder-rod")
+    sway.add_argument("--shoulder-rod", metavar="VARIABLE", help="displacement of the shoulder")
+    sway.add_argument(
+        "--hip-height", type=float, metavar="M", help="of the rod above the floor (default: by the table)"
+    )
+    sway.add_argument("--shoulder-height", type=float, metavar="M", help="the same at the shoulder")
 
 
 def main(args: argparse.Namespace) -> Exit:
@@ -114,10 +156,24 @@ def main(args: argparse.Namespace) -> Exit:
         raise InputError("--starts: expected either times or --starts-in, got both")
     if args.above is not None and not args.starts_in:
         raise InputError("--above: expected together with --starts-in")
+    if len(args.files) == 1 and Path(args.files[0]).is_dir():
+        return _people(args, options)
     imported = import_files(args.files, args.map, options)
     written = None if args.output is None else write_recording(imported.recording, args.output)
     print(folded(imported.text()))  # nothing may be lost with a reader (head) that stops after some lines
     _print_doubts(imported.recording)
+    print("nothing written (no -o)" if written is None else f"written: {escaped(str(written))}")
+    return Exit.DONE
+
+
+def _people(args: argparse.Namespace, options: dict[str, Any]) -> Exit:
+    """Import a folder of people, print what was found, and write recordings and their table."""
+    from mcstudy.recordings.people_folder import import_people, told, write_people
+    from mcstudy.text_tables import escaped, folded
+
+    found = import_people(Path(args.files[0]), args.map, options, args.conditions, args.quality == "usable")
+    written = None if args.output is None else write_people(found, args.output)
+    print(folded(told(found)))
     print("nothing written (no -o)" if written is None else f"written: {escaped(str(written))}")
     return Exit.DONE
 
@@ -132,15 +188,48 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
         rate_hz=args.rate,
         period_s=args.period,
         stimulus=args.kind,
+        model=args.model,
         upper_body=args.upper_body,
         resample_hz=args.resample,
         fill_gaps_s=args.fill_gaps,
         units=_given(angle=args.unit, stimulus=args.stimulus_unit, stated=args.stated_units),
-        channels=_given(stimulus=args.stimulus, theta1=args.theta1, theta2=args.theta2, time=args.time),
+        channels=_channels(args),
+        markers=_rods(args),
         split=_given(by=args.split, starts=starts, length_s=args.length),
         text=_given(delimiter=args.delimiter, decimal=args.decimal, skip=args.skip),
         body=_given(height=args.height, weight=args.weight, sex=args.sex),
     )
+
+
+def _channels(args: argparse.Namespace) -> dict[str, Any]:
+    """Which variable is which."""
+    from mcstudy.errors import InputError
+
+    outputs = {}
+    for text in args.channel:
+        name, sign, variable = text.partition("=")
+        if not (name and sign and variable):
+            raise InputError(f"--channel: expected NAME=VARIABLE, got {text!r}")
+        outputs[name] = variable
+    sway = _given(column=args.sway, unit=args.sway_unit, of=args.sway_of, height=args.sway_height)
+    if sway and not args.sway:
+        raise InputError("--sway-unit, --sway-of, --sway-height: expected together with --sway")
+    one = {"stimulus": args.stimulus, "theta1": args.theta1, "theta2": args.theta2, "time": args.time, "sway": sway}
+    return _given(**one, **outputs)
+
+
+def _rods(args: argparse.Namespace) -> dict[str, Any]:
+    """Sway rods as markers with one coordinate."""
+    from mcstudy.errors import InputError
+
+    places = {"hip": args.hip_rod, "shoulder": args.shoulder_rod}
+    heights = _given(hip=args.hip_height, shoulder=args.shoulder_height)
+    if not all(places.values()):
+        if any(places.values()) or heights:
+            raise InputError("--hip-rod, --shoulder-rod: expected both of them")
+        return {}
+    rods = {place: [variable] for place, variable in places.items()}
+    return {**rods, "columns": "{marker}", **_given(unit=args.sway_unit, heights=heights)}
 
 
 def _given(**fields: Any) -> dict[str, Any]:

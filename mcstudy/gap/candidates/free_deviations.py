@@ -38,6 +38,12 @@ DELAYS_S = (0.0, 0.05, 0.12, 0.25)
 MIDDLE_HZ = 0.43
 """Geometric mean of the lowest and the highest line of a standing body, up to 8 Hz."""
 
+
+def slower(model: Model, f: np.ndarray) -> float:
+    """Factor on times of a standing body, 1 for it; those of a declared model have the same place among its lines."""
+    return 1.0 if standing(model) else MIDDLE_HZ / float(np.sqrt(f.min() * f.max()))
+
+
 RESONANCES_HZ = (0.5, 1.0, 2.0, 3.0, 4.5, 6.5)
 
 
@@ -99,7 +105,7 @@ def free_torques(fitted: Fitted, data: Data) -> list[Family]:
     A, b = system(model, theta, s)
     H = np.linalg.solve(A, b[..., None])[..., 0]
     reply = data.weight @ _replies(model, A, s)  # whitened
-    lowest_first = tuple(reversed(model.rows[int(model.padded) :]))
+    lowest_first = tuple(reversed(model.rows))
     loop = np.abs(np.einsum("nij,nj->ni", active(model, theta, s), H)) + 0.1 * np.abs(b).max(axis=1, keepdims=True)
     y = fitted.response(data.f)
     out = []
@@ -111,7 +117,7 @@ def free_torques(fitted: Fitted, data: Data) -> list[Family]:
             for k, row in enumerate(model.rows)
         }
         sensor = [
-            _complex(data.weight[:, :, k, None] * (y[:, k, None] * phi)[:, None, :]) for k in range(model.n_angles)
+            _complex(data.weight[:, :, k, None] * (y[:, k, None] * phi)[:, None, :]) for k in range(model.n_outputs)
         ]
         variances = tuple(v**2 for v in SIZES)
         out += [Family(f"free {row} torque", (row,), torque[row], variances) for row in lowest_first]
@@ -135,11 +141,9 @@ def plain_feedback(fitted: Fitted, data: Data) -> list[tuple[str, tuple[str, ...
     A, b = system(model, theta, s)
     H = np.linalg.solve(A, b[..., None])[..., 0]
     reply = _replies(model, A, s)
-    joints, n = model.n_rows - model.padded, model.n_angles
-    rows = list(enumerate(model.rows))[-joints:]
-    senses = dict(zip(model.angles[:joints], H.T, strict=False))
-    # Times of a standing body; of a declared model they have the same place among its lines.
-    second = 1.0 if standing(model) else MIDDLE_HZ / float(np.sqrt(data.f.min() * data.f.max()))
+    rows, n = list(enumerate(model.rows)), model.n_outputs
+    senses = dict(zip(model.angles, H.T, strict=True))
+    second = slower(model, data.f)
     delays = [d * second for d in DELAYS_S]
     shapes = [(f"s^{n} e^(-{d:g} s)", s**n * np.exp(-d * s)) for n, d in product((-1, 0, 1, 2), delays)]
     shapes += [(f"mode {f0 / second:g} Hz", _mode(s, f0 / second)) for f0 in RESONANCES_HZ]

@@ -23,12 +23,14 @@ from itertools import product
 import numpy as np
 from numpy.polynomial import polynomial
 
+from mcstudy.effect_library.generic import torque_unit
 from mcstudy.fitting.arguments import Prior
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
+from mcstudy.gap.candidates.free_deviations import slower
 from mcstudy.stance.feedback import Filter, Model, Monomial, Parameter, Term
 from mcstudy.stance.joint import changed, members
-from mcstudy.stance.response import active, system
+from mcstudy.stance.response import active, replies, system
 
 MOST_POLES = 3
 
@@ -64,8 +66,14 @@ class Path:
     linear: tuple[str, ...] = (_K, _B)
 
     def signal(self, H: np.ndarray, angles: Sequence[str]) -> np.ndarray:
-        """What it senses, per unit of the stimulus, (N,), in the responses (N, 2) of the body."""
+        """What it senses, per unit of the stimulus, (N,), in the responses (N, R) of the body."""
         return np.ones(len(H), dtype=complex) if self.sense == "stimulus" else H[:, list(angles).index(self.sense)]
+
+    def unit(self, model: Model) -> str:
+        """Unit of its transfer function; empty where that of the row is unknown."""
+        torque = torque_unit(model)
+        sensed = f"({model.stimulus_unit})" if self.sense == "stimulus" else model.unit
+        return f"{torque}/{sensed}" if torque else ""
 
     def gains(self, poles: int) -> tuple[str, ...]:
         """Names of the gains with so many poles."""
@@ -106,10 +114,9 @@ class Path:
 
 
 def paths(model: Model) -> tuple[Path, ...]:
-    """Every row with either angle and, in a model with one stimulus, with the stimulus."""
-    n = model.n_rows - model.padded
-    senses = (*model.angles[:n], *(() if model.blocks else ("stimulus",)))
-    return tuple(Path(r, x, _linear(model, r, x)) for r, x in product(model.rows[2 - n :], senses))
+    """Every row with any angle and, in a model with one stimulus, with the stimulus."""
+    senses = (*model.angles, *(() if model.blocks else ("stimulus",)))
+    return tuple(Path(r, x, _linear(model, r, x)) for r, x in product(model.rows, senses))
 
 
 def _linear(model: Model, row: str, sense: str) -> tuple[str, ...]:
@@ -132,8 +139,8 @@ class Loop:
 
     Attributes
     ----------
-    H: (N, 2) angles of the body itself. torque: (N, 2) complex, active torque by row. drive: (N,) largest torque of the
-        stimulus itself. reply: (N, 2, 2), measured angles per unit of torque by row.
+    H: (N, R) angles of the body itself. torque: (N, R) complex, active torque by row. drive: (N,) largest torque of the
+        stimulus itself. reply: (N, Y, R), what is measured per unit of torque by row.
     """
 
     H: np.ndarray
@@ -147,13 +154,11 @@ class Loop:
         s = 2j * np.pi * f
         A, b = system(fitted.model, fitted.theta, s)
         H = np.linalg.solve(A, b[..., None])[..., 0]
-        # An angle that is locked, as the hip of one segment, has no response; nothing moves it, however it is measured.
-        measured = np.divide(fitted.response(f), H, out=np.ones_like(H), where=H != 0)
         torque = np.einsum("nij,nj->ni", active(fitted.model, fitted.theta, s), H)
-        return cls(H, torque, np.abs(b).max(axis=1), np.linalg.inv(A) * measured[:, :, None])
+        return cls(H, torque, np.abs(b).max(axis=1), replies(fitted.model, fitted.theta, s, A))
 
     def change(self, path: Path, model: Model) -> np.ndarray:
-        """(N, 2) change of the measured angles per unit of the transfer function of a path, to first order."""
+        """(N, Y) change of what is measured per unit of the transfer function of a path, to first order."""
         k = model.rows.index(path.row)
         return np.asarray(-self.reply[:, :, k] * path.signal(self.H, model.angles)[:, None])
 
@@ -171,8 +176,8 @@ def extended(fitted: Fitted, path: Path, poles: int, f: np.ndarray, scale: float
     w0 = _middle(f)
     sd = {_K: 1.0, _B: 1 / w0, _R: 1.0, _P: 1.0, _Q: 1.0}
     low, high = np.pi * f.min(), 3 * np.pi * f.max()
-    centre, spread = (2 * np.pi * x for x in POLE_HZ)
-    unit = "N m/rad" if path.sense != "stimulus" else f"N m/({fitted.model.stimulus_unit})"
+    centre, spread = (2 * np.pi * x / slower(fitted.model, f) for x in POLE_HZ)
+    unit = path.unit(fitted.model)
     added, mean, width = [], [], []
     for name in path.names(poles):
         if name in sd:
@@ -238,7 +243,7 @@ def next_starts(
         if poles + more > MOST_POLES or (more == 1 and poles % 2):
             continue
         tried, basis = _fractions(data.f.tobytes(), more)
-        z = (through[:, :, None] * basis[:, None, :]).reshape(2 * data.f.size, -1)
+        z = (through[:, :, None] * basis[:, None, :]).reshape(through.size, -1)
         columns = np.concatenate([z.real, z.imag])
         left = (columns - Q @ (Q.T @ columns)).T.reshape(len(tried), more, -1)
         gram = np.einsum("tid,tjd->tij", left, left) + np.eye(more)

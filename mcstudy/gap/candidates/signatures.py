@@ -16,6 +16,7 @@ import numpy as np
 
 from mcstudy.effect_library import library
 from mcstudy.effect_library.effect import Effect
+from mcstudy.effect_library.library import Library
 from mcstudy.errors import ModelError
 from mcstudy.fitting.penalised import Fitted, Fitter, whiten
 from mcstudy.fitting.problem import Data
@@ -58,7 +59,7 @@ class Signature:
 def applicable(base: Model) -> list[Effect]:
     """Linear effects of the library that can be added to the base model."""
     out = []
-    for e in library.LIBRARY.values():
+    for e in library.library_of(base).values():
         if e.kind != "linear":
             continue
         try:
@@ -142,11 +143,13 @@ def _walk(e: Effect, fitted: Fitted, rest: Fitted, clean: Data) -> list[Signatur
     return [s for s in best if s is not None]
 
 
-def similarity(effects: Sequence[str], unit: np.ndarray) -> tuple[list[str], np.ndarray]:
+def similarity(
+    effects: Sequence[str], unit: np.ndarray, known: Library = library.LIBRARY
+) -> tuple[list[str], np.ndarray]:
     """Names (E of them), and the largest |cosine| between any of their signatures, (E, E).
 
-    ``effects``: (K,) name of the effect of each unit signature in ``unit`` (K, M). Variants of one cause have
-        similarity 1.
+    ``effects``: (K,) name of the effect of each unit signature in ``unit`` (K, M). Variants of one cause in the library
+        ``known`` have similarity 1.
     """
     names = list(dict.fromkeys(effects))
     if not names:
@@ -156,7 +159,7 @@ def similarity(effects: Sequence[str], unit: np.ndarray) -> tuple[list[str], np.
     out = np.eye(len(names))
     for i, a in enumerate(names):
         for j, b in enumerate(names[:i]):
-            same = library.effect(a).cause == library.effect(b).cause
+            same = known[a].cause == known[b].cause
             out[i, j] = out[j, i] = 1.0 if same else cosine[np.ix_(owner == i, owner == j)].max()
     return names, out
 
@@ -171,7 +174,7 @@ def alike_groups(names: Sequence[str], cosine: np.ndarray, threshold: float = AL
     return [tuple(names[int(i)] for i in np.flatnonzero(row)) for k, row in enumerate(linked) if row.argmax() == k]
 
 
-def ambiguity_groups(shapes: Sequence[Signature]) -> list[tuple[str, ...]]:
+def ambiguity_groups(shapes: Sequence[Signature], known: Library = library.LIBRARY) -> list[tuple[str, ...]]:
     """Sets of effects whose signatures this recording cannot distinguish."""
     unit = np.array([s.vector / max(s.delta, 1e-300) for s in shapes])
-    return alike_groups(*similarity([s.effect for s in shapes], unit)) if len(shapes) else []
+    return alike_groups(*similarity([s.effect for s in shapes], unit, known)) if len(shapes) else []

@@ -68,15 +68,15 @@ def gap_test(lines: Lines, fit: BaseFit, settings: DiagnosisSettings, contrast_d
     ``contrast_draws``: null samples of every contrast; only p-values depend on them.
     """
     base, data, seed = fit.best, fit.data, settings.seed
-    effects = applicable(fit.model)
+    effects, known = applicable(fit.model), library.library_of(fit.model)
     shapes = signatures(base, data, effects)
-    scores = Scores(base, data, shapes, [library.effect(s.effect).size.signed for s in shapes])
+    scores = Scores(base, data, shapes, [known[s.effect].size.signed for s in shapes])
     rng = stream(seed, "gap null")
     return GapTest(
         fit=fit,
         effects=effects,
         signatures=shapes,
-        groups=ambiguity_groups(shapes),
+        groups=ambiguity_groups(shapes, known),
         scores=scores,
         detection=detect(base, fit.fitter, data, lines, scores, rng, settings.draws, not settings.fast),
         contrasts=contrasts(lines, base, stream(seed, "gap contrasts"), contrast_draws),

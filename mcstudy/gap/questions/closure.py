@@ -89,10 +89,10 @@ def energy(fitted: Fitted, data: Data, lines: Lines, basis: np.ndarray) -> float
     With a single repeat of a recording: the energy of the mean residual minus its expected noise.
     """
     H = fitted.response(data.f)
-    by_line = basis.reshape(2, len(lines), 2, -1)
+    by_line = basis.reshape(2, len(lines), H.shape[1], -1)
     total, means = 0.0, []
     for part, block in zip(lines.parts, lines.blocks, strict=True):
-        directions = by_line[:, block].reshape(4 * len(part), -1)
+        directions = by_line[:, block].reshape(-1, basis.shape[1])
         b = np.array([directions.T @ whiten(data.weight[block], y - H[block]) for y in part.repeats])
         w = part.weight.mean(axis=1)
         mean = w @ b

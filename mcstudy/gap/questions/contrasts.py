@@ -105,7 +105,7 @@ def contrast(
     difference, weight = _difference(kind, first, second)
     noise = first.noise.draw(rng, draws)
     null, changes = [], []
-    for e in library.LIBRARY.values():
+    for e in library.library_of(base.model).values():
         if e.contrast != kind or e.gain_sign is None:
             continue
         try:

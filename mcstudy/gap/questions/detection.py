@@ -17,10 +17,12 @@ import numpy as np
 from mcstudy.fitting.arguments import PenalisedFits
 from mcstudy.fitting.penalised import Fitted, Fitter, whiten
 from mcstudy.fitting.problem import Data
+from mcstudy.gap.candidates.free_deviations import slower
 from mcstudy.gap.candidates.scores import Scores
 from mcstudy.gap.candidates.unstructured_residual import UnstructuredResidual
 from mcstudy.lines.part_fits import PartFit, part_fits
 from mcstudy.spectra.lines import Lines
+from mcstudy.stance.feedback import Model
 from mcstudy.stance.response import frf
 
 LEVEL = 0.05
@@ -43,7 +45,7 @@ class Band:
     Attributes
     ----------
     angle
-        "theta1" or "theta2".
+        Name of the angle or output.
     low_hz, high_hz
         Limits of the band, Hz.
     level
@@ -77,7 +79,7 @@ class Detection:
     chi2, expected_chi2, fit_p_value
         Squared whole residual, its mean without a gap, and its p-value.
     z
-        (N, 2) complex, standardised residuals by line and angle, corrected for leverage: mean square 1 without a gap.
+        (N, Y) complex, standardised residuals by line and angle, corrected for leverage: mean square 1 without a gap.
     z_limit
         Limit that the largest ``|z|`` exceeds in 1 of 20 recordings without a gap.
     bands
@@ -182,7 +184,7 @@ def detect(
         (1 + int((null_chi2 >= chi2).sum())) / (1 + draws),
         z[..., 0],
         float(np.quantile(np.abs(null_z).max(axis=(0, 1)), 0.95)),
-        bands(lines.f, fitted.model.output_names[: fitted.model.n_angles], z[..., 0], null_z),
+        bands(lines.f, fitted.model, z[..., 0], null_z),
         draws,
         nulls,
         null_chi2,
@@ -197,27 +199,27 @@ def _any(smooth: np.ndarray, unstructured: np.ndarray) -> np.ndarray:
 
 
 def standardised(fitted: Fitted, data: Data, r: np.ndarray) -> np.ndarray:
-    """(N, 2, n): residuals by angle, divided by their standard deviation after the fit."""
+    """(N, Y, n): residuals by output, divided by their standard deviation after the fit."""
     colour = np.linalg.inv(data.weight)
-    J = colour @ as_complex(fitted.jacobian(data), data.f.size)  # derivative of the FRFs, (N, 2, P)
+    J = colour @ as_complex(fitted.jacobian(data), data.f.size)  # derivative of the FRFs, (N, Y, P)
     variance = 2 * np.einsum("nij,nij->ni", colour, colour.conj()).real
     taken = np.einsum("nip,pq,niq->ni", J, fitted.covariance, J.conj()).real
     left = np.maximum(variance - taken, 0.05 * variance)
     return np.einsum("nij,njk->nik", colour, as_complex(r, data.f.size)) / np.sqrt(left)[..., None]
 
 
-def bands(f: np.ndarray, angles: tuple[str, ...], z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
+def bands(f: np.ndarray, model: Model, z: np.ndarray, null: np.ndarray) -> tuple[Band, ...]:
     """Bands with a family-wise limit: noise alone exceeds it in any band in 5 % of recordings.
 
-    ``angles``: those that were measured. ``z``, ``null``: `standardised` residuals (N, 2) at lines ``f`` (N,) in Hz,
-    and null samples of them (N, 2, D).
+    ``model``: what was fitted. ``z``, ``null``: `standardised` residuals (N, Y) at lines ``f`` (N,) in Hz, and null
+    samples of them (N, Y, D).
     """
     rows, level, ratio = [], [], []
-    for low, high in pairwise(EDGES_HZ):
+    for low, high in pairwise(np.array(EDGES_HZ) / slower(model, f)):
         inside = (f >= low) & (f < high)
         if not inside.any():
             continue
-        for k, angle in enumerate(angles):
+        for k, angle in enumerate(model.output_names):
             expected = (np.abs(null[inside, k]) ** 2).mean(axis=0)
             rows.append((angle, float(f[inside].min()), float(f[inside].max()), expected))
             level.append(float((np.abs(z[inside, k]) ** 2).mean()))

@@ -96,7 +96,7 @@ def starts_for(
     base: Fitted, minima: np.ndarray, found: Sequence[Signature], residual: np.ndarray, name: str
 ) -> np.ndarray:
     """Start values (S, P) of a model with one effect, from its signatures at several sizes and its published sizes."""
-    e = library.effect(name)
+    e = library.library_of(base.model)[name]
     rows = []
     for s in found:
         score = float(s.vector @ residual) / max(s.delta, 1e-9) ** 2
@@ -119,7 +119,7 @@ def single(
     Fits start from its signatures at the base fit with that fit's residual, and from its published sizes on the lowest
     ``minima`` (K, P) of the base model.
     """
-    e = library.effect(name)
+    e = library.library_of(base.model)[name]
     model = library.apply(base.model, name)
     fitter = Fitter(model, weak_prior(model, base.model), data.f)
     starts = np.clip(starts_for(base, minima, found, residual, name), fitter.model.lower, fitter.model.upper)
@@ -176,7 +176,8 @@ def together(base: Fitted, data: Data, names: tuple[str, str], starts: np.ndarra
     fitter = Fitter(model, weak_prior(model, base.model), data.f)
     fits = fitter.fits(fitter.packed(data), np.clip(starts, fitter.model.lower, fitter.model.upper))
     mode = fitter.pick(fits)
-    sizes = {s.name: s for n in names for s in library.effect(n).sizes}
+    known = library.library_of(base.model)
+    sizes = {s.name: s for n in names for s in known[n].sizes}
     covariance = mode.covariance
     prior, log_p, estimates = mode.prior, -0.5 * mode.chi2, []
     scale = prior.scale.copy()
@@ -204,7 +205,7 @@ def possible(hypothesis: Hypothesis, base: Fitted) -> bool:
     library.
     """
     fitted = hypothesis.fitted
-    sizes = {s.name: s for e in library.LIBRARY.values() for s in e.sizes}
+    sizes = library.library_of(base.model).sizes
     for p, x in zip(fitted.model.parameters, fitted.theta, strict=True):
         if p.name in base.model.names or p.name not in sizes:
             continue

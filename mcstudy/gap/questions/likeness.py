@@ -65,7 +65,7 @@ def _held_out(fitted: Fitted, data: Data, directions: np.ndarray) -> tuple[np.nd
 
 def _noise(fitted: Fitted, data: Data, directions: np.ndarray, fold: np.ndarray) -> float:
     """Expected square of unit noise along the directions, after fits to the other lines (linearised)."""
-    J, part = fitted.jacobian(data), np.tile(np.repeat(fold, 2), 2)
+    J, part = fitted.jacobian(data), np.tile(np.repeat(fold, data.y.shape[1]), 2)
     prior = fitted.prior.weight * np.diag(fitted.prior.scale**-2)
     through = directions.T.copy()
     for k in range(FOLDS):

@@ -10,22 +10,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcstudy.effect_library.effect import LOCATIONS
-from mcstudy.effect_library.library import LIBRARY
+from mcstudy.effect_library.library import library_of, places
 from mcstudy.fitting.penalised import Fitted
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.questions.posterior import Explanation
-from mcstudy.stance.response import system
+from mcstudy.stance.body import standing
+from mcstudy.stance.feedback import Model
+from mcstudy.stance.response import output_matrices, system
 
 RECORDING = "recording"
-"""The location of a mislabelling."""
+"""The location of a mislabelling, which is judged of a standing body."""
 
 
-def locations(explanation: Explanation) -> tuple[dict[str, float], float]:
-    """Probability of every location, and the probability that is assigned to none."""
-    out: dict[str, float] = dict.fromkeys((*LOCATIONS, RECORDING), 0.0)
+def locations(explanation: Explanation, model: Model) -> tuple[dict[str, float], float]:
+    """Probability of every location in a ``model``, and the probability that is assigned to none."""
+    out: dict[str, float] = dict.fromkeys((*places(model), *((RECORDING,) if standing(model) else ())), 0.0)
+    known = library_of(model)
     for hypothesis, probability in explanation.hypotheses:
-        where = [p for n in hypothesis.effects for p in (LIBRARY[n].place if n in LIBRARY else (RECORDING,))]
+        where = [p for n in hypothesis.effects for p in (known[n].place if n in known else (RECORDING,))]
         for p in where:
             out[p] += probability / len(where)
     for place, share in explanation.unknown_locations.items():
@@ -36,6 +38,12 @@ def locations(explanation: Explanation) -> tuple[dict[str, float], float]:
 
 
 def missing_torque(fitted: Fitted, data: Data) -> np.ndarray:
-    """A(s) (y - H), the torque per stimulus by row (hip, ankle) that would close the gap, (N, 2) complex."""
-    A, _ = system(fitted.model, fitted.theta, 2j * np.pi * data.f)
+    """A(s) (y - H), the torque per stimulus by row that would close the gap, (N, R) complex.
+
+    Where outputs are measured instead of all angles, it is the smallest torque that would close it.
+    """
+    s = 2j * np.pi * data.f
+    A, _ = system(fitted.model, fitted.theta, s)
+    if fitted.model.outputs:
+        A = np.linalg.pinv(output_matrices(fitted.model, s)[0] @ np.linalg.inv(A))
     return np.einsum("nij,nj->ni", A, data.y - fitted.response(data.f))

@@ -73,7 +73,7 @@ def with_likeness(
     first = _first(base, causes)
     along = np.linalg.qr(base.jacobian(data) * base.prior.scale)[0]
     directions = np.concatenate([along, smooth_directions(base, data, space)], axis=1)
-    chosen = [k for k, c in enumerate(causes) if c.mechanism and (c.probability > SHOWN or c is first)]
+    chosen = [k for k, c in enumerate(causes) if c.mechanism(base) and (c.probability > SHOWN or c is first)]
     intervals = likeness(
         base,
         [causes[k].fitted for k in chosen],
@@ -99,7 +99,7 @@ def nearest(base: Fitted, causes: Sequence[Cause], data: Data, lines: Lines, see
     fitted = cause.fitted
     null = linear_null(fitted, data, lines.noise.draw(stream(seed, "gap nearest null"), DRAWS))
     z = standardised(fitted, data, fitted.residual(data)[:, None])[..., 0]
-    where = bands(data.f, fitted.model.output_names[: fitted.model.n_angles], z, standardised(fitted, data, null))
+    where = bands(data.f, base.model, z, standardised(fitted, data, null))
     power = lines.power / len(lines.parts)  # the torque is that of an average recording
     left = remaining_torque(fitted, data, power, stream(seed, "gap remaining torque"))
     return Nearest(cause, fitted.chi2, where, left)
@@ -108,5 +108,5 @@ def nearest(base: Fitted, causes: Sequence[Cause], data: Data, lines: Lines, see
 def _first(base: Fitted, causes: Sequence[Cause]) -> Cause | None:
     """The first mechanism of a size that a body can have."""
     return next(
-        (c for c in causes if c.mechanism and possible(Hypothesis(c.effects, 0.0, c.fitted, c.sizes), base)), None
+        (c for c in causes if c.mechanism(base) and possible(Hypothesis(c.effects, 0.0, c.fitted, c.sizes), base)), None
     )

@@ -41,7 +41,8 @@ def in_other_forms(base: Fitted, data: Data, none: Hypothesis, declared: Sequenc
     """
     if not any(h.log_evidence > none.log_evidence + LEADS for h in declared):
         return list(declared)
-    fits = [_other(base, data, h) if library.effect(h.effects[0]).forms else None for h in declared]
+    known = library.library_of(base.model)
+    fits = [_other(base, data, h) if known[h.effects[0]].forms else None for h in declared]
     best = min([_cost(h.fitted) for h in declared] + [_cost(x[1]) for x in fits if x is not None])
     return [
         h if x is None or _cost(x[1]) > best + HOPELESS else mixed(h, _profiled(base, data, h, *x))
@@ -66,7 +67,7 @@ def _other(base: Fitted, data: Data, declared: Hypothesis) -> tuple[Fitter, Fitt
     It starts from the declared form, from both ends of the ranges of the constants, and from usual sizes on the nominal
     body, because the best fit of the declared form may be far from that of the right one.
     """
-    effect = library.effect(declared.effects[0])
+    effect = library.library_of(base.model)[declared.effects[0]]
     model = library.apply(base.model, effect.name, opened=[effect.name])
     fitter = Fitter(model, weak_prior(model, base.model), data.f)
     starts = [[*declared.fitted.theta, *c] for c in effect.corner_forms]
@@ -77,7 +78,7 @@ def _other(base: Fitted, data: Data, declared: Hypothesis) -> tuple[Fitter, Fitt
 
 
 def _profiled(base: Fitted, data: Data, declared: Hypothesis, fitter: Fitter, mode: Fitted) -> Hypothesis:
-    return profiled(fitter, data, library.effect(declared.effects[0]), mode, base.theta.size)
+    return profiled(fitter, data, library.library_of(base.model)[declared.effects[0]], mode, base.theta.size)
 
 
 def _cost(fitted: Fitted) -> float:

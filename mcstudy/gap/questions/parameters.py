@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcstudy.fitting.penalised import Fitted
-from mcstudy.lines.priors import DELAY_SPREAD_S, GAIN_SPREAD, WEIGHT_SPREAD
+from mcstudy.lines.priors import DECLARED_SPREAD, DELAY_SPREAD_S, GAIN_SPREAD, WEIGHT_SPREAD
 
 MOSTLY_PRIOR = 0.5
 """Share of the precision of an estimate that the priors add, its own and those of parameters that trade for it, from
@@ -15,6 +15,13 @@ which its value counts as determined by the prior."""
 
 SOURCES = {"data": "", "prior": "mostly prior", "bound": "on its bound"}
 """What determines the value of a parameter, and the text for it in a table."""
+
+DECLARED_EXPLAINED = (
+    "The diagnosis uses a weak prior: a normal distribution around the declared values, with a standard deviation of "
+    f"{100 * DECLARED_SPREAD:.0f} % of the distance between the declared bounds. The command mcstudy fit estimates "
+    "without a prior."
+)
+"""What the prior of a declared model is."""
 
 PRIOR_EXPLAINED = (
     "The diagnosis uses a weak prior, not knowledge of this person: a normal distribution around the values of the "

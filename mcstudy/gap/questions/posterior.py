@@ -89,10 +89,10 @@ class Cause:
     advice: str = ""
     likeness: Interval | None = None
 
-    @property
-    def mechanism(self) -> bool:
-        """Whether it is an effect, or two, that changes the mean response of the body."""
-        return all(n in library.LIBRARY and library.effect(n).kind == "linear" for n in self.effects)
+    def mechanism(self, base: Fitted) -> bool:
+        """Whether it is an effect, or two, of the library of ``base``'s model that changes the mean response."""
+        known = library.library_of(base.model)
+        return all(n in known and known[n].kind == "linear" for n in self.effects)
 
     def changes(self, base: Fitted) -> bool:
         """Whether its model is another one than that of ``base``, so that it changes the mean response."""
@@ -190,19 +190,20 @@ def _declared(test: GapTest, effect: Effect) -> Hypothesis:
 def _changes(test: GapTest, leaders: Sequence[Hypothesis], n_causes: int) -> list[tuple[Hypothesis, float]]:
     """Effects that change the gains with amplitude or over time, alone and beside each of ``leaders``; ln priors."""
     base, unstructured = test.fit.best, test.detection.unstructured
+    known = library.library_of(base.model)
     weighted: list[tuple[Hypothesis, float]] = []
     for c in test.contrasts:
         for k in c.changes:
-            size = library.effect(k.effect).size
+            size = known[k.effect].size
             estimate = k.gain if k.size is None else k.size
             se = k.se if k.size is None else abs(k.size / k.gain) * k.se if k.gain else k.se
             name = f"change of active gains between {c.kind}s" if k.size is None else size.name
             unit = "" if k.size is None else size.unit
             sizes = (SizeEstimate(name, estimate, se, estimate - 1.96 * se, estimate + 1.96 * se, unit),)
-            evidence = base.log_evidence + k.log_factor + _scattered(k.effect, base, unstructured)
+            evidence = base.log_evidence + k.log_factor + _scattered(known[k.effect], base, unstructured)
             weighted.append((Hypothesis((k.effect,), evidence, base, sizes), np.log(SINGLE / n_causes)))
             for h in leaders:
-                evidence = h.log_evidence + k.log_factor + _scattered(k.effect, h.fitted, unstructured)
+                evidence = h.log_evidence + k.log_factor + _scattered(known[k.effect], h.fitted, unstructured)
                 both = Hypothesis((*h.effects, k.effect), evidence, h.fitted, (*h.sizes, *sizes))
                 weighted.append((both, _log_pair(n_causes)))
     return weighted
@@ -294,9 +295,9 @@ def _unknown(
     return out
 
 
-def _scattered(effect: str, fitted: Fitted, unstructured: UnstructuredResidual) -> float:
+def _scattered(effect: Effect, fitted: Fitted, unstructured: UnstructuredResidual) -> float:
     """ln Bayes factor of an effect from the energy that it scatters between lines; 0 for one that scatters none."""
-    if not library.effect(effect).scatters:
+    if not effect.scatters:
         return 0.0
     scattered = float(unstructured.log_factor(np.array(fitted.chi2)))
     return float(np.logaddexp(np.log(1 - SCATTERS), np.log(SCATTERS) + scattered))

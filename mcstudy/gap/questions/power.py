@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mcstudy.effect_library import library
+from mcstudy.effect_library.library import LIBRARY, Library, library_of
 from mcstudy.gap.candidates.signatures import Signature
 from mcstudy.gap.questions.contrasts import Contrast
 from mcstudy.gap.questions.question import Answer, Inquiry, shown_causes
@@ -112,14 +112,17 @@ def detection_limits(inquiry: Inquiry) -> DetectionLimits:
     test, trials = inquiry.test, int(np.unique(inquiry.lines.trial).size)
     causes = shown_causes(inquiry.causes, inquiry.credible_set, inquiry.leading) if inquiry.detected else []
     shown = tuple(dict.fromkeys(effect for cause in causes for group in cause.alternatives for effect in group))
-    return DetectionLimits(undetectable(test.signatures, test.contrasts, trials), shown, trials)
+    known = library_of(test.fit.model)
+    return DetectionLimits(undetectable(test.signatures, test.contrasts, trials, known), shown, trials)
 
 
-def undetectable(shapes: Sequence[Signature], contrasts: Sequence[Contrast], trials: int) -> tuple[Undetectable, ...]:
-    """Effects that would be missed at the middle of their published range of sizes."""
+def undetectable(
+    shapes: Sequence[Signature], contrasts: Sequence[Contrast], trials: int, known: Library = LIBRARY
+) -> tuple[Undetectable, ...]:
+    """Effects of the library ``known`` that would be missed at the middle of their published range of sizes."""
     out = []
     for name in dict.fromkeys(s.effect for s in shapes):
-        size = library.effect(name).size
+        size = known[name].size
         signatures = [s for s in shapes if s.effect == name]
         middle = sum(size.published) / 2
         # delta is about proportional to size between the null and the size of the signature
@@ -140,7 +143,7 @@ def undetectable(shapes: Sequence[Signature], contrasts: Sequence[Contrast], tri
             )
         )
     kinds = {c.kind for c in contrasts}
-    for e in library.LIBRARY.values():
+    for e in known.values():
         if e.kind != "linear" and e.contrast is None:
             out.append(Undetectable(e.name, "changes the noise, not the responses", None, e.size.unit, None))
         elif e.contrast == "amplitude" and "amplitude" not in kinds:

@@ -54,7 +54,7 @@ class RemainingTorque:
     Attributes
     ----------
     row, sense
-        The torque acts at ``row`` (ankle or hip) and depends on ``sense``, an angle or the stimulus.
+        The torque acts at ``row`` of the model and depends on ``sense``, an angle or the stimulus.
     probability
         Probability that a torque remains at all.
     path_probability
@@ -64,7 +64,7 @@ class RemainingTorque:
     poles_weight
         (4,) Akaike weight of 0 to 3 poles.
     unit
-        N m/rad, or N m per unit of the stimulus.
+        That of a torque per angle or per unit of the stimulus; empty where it is unknown.
     numerator, denominator
         Of the best fit with so many poles: polynomials in ascending powers of s. The transfer function has ``unit``.
     rms
@@ -173,7 +173,6 @@ def remaining_torque(
     quantiles[1, doubtful] = 0.0
     turns[1:, doubtful] = turns[0, doubtful] + np.array([[-180.0], [180.0]])
     numerator, denominator = path.fraction(best.poles, best.fitted.theta[fitted.theta.size :])
-    unit = "N m/rad" if path.sense != "stimulus" else f"N m per {fitted.model.stimulus_unit}"
     return RemainingTorque(
         row=path.row,
         sense=path.sense,
@@ -183,7 +182,7 @@ def remaining_torque(
         poles_weight=by_poles,
         numerator=numerator,
         denominator=denominator,
-        unit=unit,
+        unit=path.unit(fitted.model),
         f=data.f,
         gain=quantiles[0],
         gain_low=quantiles[1],
@@ -206,7 +205,7 @@ def _candidates(fitted: Fitted, data: Data, loop: Loop, every: Sequence[Path]) -
     """
     prior = float(np.log((1 - NOTHING) / (len(every) * (MOST_POLES + 1))))
     steps = [(fitted, data)]
-    excess = fitted.chi2 - 2 * fitted.model.n_angles * data.f.size
+    excess = fitted.chi2 - 2 * fitted.model.n_outputs * data.f.size
     weight = np.sqrt(SMALL / excess) if excess > LARGE else 1.0
     while weight < 1.5 / STEP:
         softer = Data(data.f, data.y, data.weight * weight)
@@ -256,7 +255,7 @@ def _seen(fitted: Fitted, data: Data, loop: Loop, path: Path, G: np.ndarray) -> 
     change = whiten(data.weight, loop.change(path, fitted.model) * G[:, None])
     J = fitted.jacobian(data)
     left = change - J @ (fitted.covariance @ (J.T @ change))
-    return np.asarray((left.reshape(2, -1, 2) ** 2).sum(axis=(0, 2)))
+    return np.asarray((left.reshape(2, data.f.size, -1) ** 2).sum(axis=(0, 2)))
 
 
 def _samples(own: list[_Candidate], share: np.ndarray, f: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -264,7 +263,7 @@ def _samples(own: list[_Candidate], share: np.ndarray, f: np.ndarray, rng: np.ra
     out = []
     for c, n in zip(own, rng.multinomial(SAMPLES, share), strict=True):
         m = len(c.path.names(c.poles))
-        covariance = c.fitted.covariance[-m:, -m:] * max(1.0, c.fitted.chi2 / (2 * c.fitted.model.n_angles * f.size))
+        covariance = c.fitted.covariance[-m:, -m:] * max(1.0, c.fitted.chi2 / (2 * c.fitted.model.n_outputs * f.size))
         theta = rng.multivariate_normal(c.fitted.theta[-m:], (covariance + covariance.T) / 2, n, check_valid="ignore")
         theta = np.clip(theta, c.fitted.model.lower[-m:], c.fitted.model.upper[-m:])
         out += [c.path.transfer(c.poles, x, f) for x in theta]

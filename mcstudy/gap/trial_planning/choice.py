@@ -21,7 +21,7 @@ from mcstudy.recordings.frf import FrfRecording
 from mcstudy.recordings.joint_recording import JointRecording
 from mcstudy.recordings.recording import AMPLITUDE, Recording
 from mcstudy.spectra.lines import Lines
-from mcstudy.stance.body import KINDS, STIMULI
+from mcstudy.stance.body import KINDS, STIMULI, standing
 from mcstudy.stance.joint import members, under
 from mcstudy.stance.response import frf
 from mcstudy.streams import stream
@@ -81,8 +81,16 @@ class Situation:
 
     @classmethod
     def of(cls, d: DiagnosisRecord) -> Situation:
-        """From a diagnosis of recordings; raises `InputError` for one of lines or of published responses."""
+        """From a diagnosis of recordings.
+
+        Raises `InputError` for one of lines or of published responses, and of a declared model, which has one stimulus.
+        """
         recording = d.recording
+        if not standing(d.base.model):
+            raise InputError(
+                f"{d.name}: expected a standing body, for which kinds of stimulus are known, got the model "
+                f"{d.base.model.name}, which declares one stimulus; record more of it, or declare another"
+            )
         if recording is None or isinstance(recording, FrfRecording) or d.method.fmax is None:
             raise InputError(f"{d.name}: expected recordings of sway over time, whose noise a new trial would have")
         return cls.after(recording, d.lines, d.base, d.hypotheses, d.unknown_probability, d.method.fmax, d.prior)

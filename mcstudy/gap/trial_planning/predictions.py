@@ -312,7 +312,7 @@ def _unknown(
     f, n = np.concatenate([seen.f, data.f]), len(seen)
     both = Data(f, fitted.response(f), np.concatenate([seen.noise.whitener, data.weight]))
     X = np.concatenate([fitted.jacobian(both), _torques(fitted, both)], axis=1)
-    first, second = (x.reshape(-1, X.shape[1]) for x in np.split(X.reshape(2, len(f), 2, -1), [n], axis=1))
+    first, second = (x.reshape(-1, X.shape[1]) for x in np.split(X.reshape(2, len(f), -1, X.shape[1]), [n], axis=1))
     residual = whiten(seen.noise.whitener, seen.y - fitted.response(seen.f))
     P = len(covariance)
     precision = np.zeros((X.shape[1], X.shape[1]))

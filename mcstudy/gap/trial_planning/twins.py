@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mcstudy.effect_library.library import library_of
 from mcstudy.fitting.penalised import Fitted, Fitter
 from mcstudy.fitting.problem import Data
 from mcstudy.gap.candidates.signatures import alike_groups, applicable, signatures, similarity
@@ -59,7 +60,7 @@ def twins(base: Fitted, data: Data) -> Twins:
     """Twins at a fit of the base model."""
     shapes = signatures(base, data, applicable(base.model))
     unit = np.array([s.vector / max(s.delta, 1e-300) for s in shapes])
-    names, cosine = similarity([s.effect for s in shapes], unit)
+    names, cosine = similarity([s.effect for s in shapes], unit, library_of(base.model))
     return Twins(tuple(names), cosine)
 
 

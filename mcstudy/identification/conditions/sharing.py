@@ -109,7 +109,7 @@ def _other(known: _Fitted, nominal: Model, name: str, settings: ConditionSetting
     fits = fitter.fits(fitter.packed(data), starts, tolerance=TOLERANCE, max_iterations=ITERATIONS)
     chi2 = np.where(np.isfinite(fits.chi2), fits.chi2, np.inf)
     at, hits = distinct(chi2, len(begun))
-    stood = standing(growth_rate(model, fits.estimate[at]) < 0, chi2[at], 2 * model.n_angles * len(data.f))
+    stood = standing(growth_rate(model, fits.estimate[at]) < 0, chi2[at], 2 * model.n_outputs * len(data.f))
     if stood.any():
         at, hits = at[stood], hits[stood]
     minima = Minima(fits.estimate[at], chi2[at], fits.information[at], hits, DRAWN, len(at), np.sort(chi2))

@@ -30,7 +30,7 @@ from mcstudy.files.output import write_file
 from mcstudy.files.reading_process import answer
 from mcstudy.files.unfinished import unfinished
 from mcstudy.recordings.clock import rate_of
-from mcstudy.recordings.columns import Columns
+from mcstudy.recordings.columns import Columns, ModelLike, model_of
 from mcstudy.recordings.guards import LARGEST, check_zarr
 from mcstudy.recordings.recording import Recording, Trial, refuse_size
 from mcstudy.recordings.refusals import UNREAD, first_line, refused, require_known
@@ -71,6 +71,7 @@ def to_dataset(recording: Recording) -> xr.Dataset:
         "stimulus_kind": recording.stimulus,
         "convention": recording.convention,
         **({"body": json.dumps(asdict(recording.body))} if model is None else {"model": json.dumps(_table(model))}),
+        **({"constants": json.dumps(dict(recording.constants))} if recording.constants else {}),
         **_stated(recording),
     }
     measured = "joint angles" if model is None else f"outputs of {model.name}"
@@ -158,8 +159,13 @@ def write_csv(recording: Recording, folder: str | Path) -> Path:
         from mcstudy.models.catalogue import written
         from mcstudy.models.record import ModelTable
 
-        write_text(folder / MODEL, written(ModelTable.of(model)))
-        subject, unit = [f'model = "{MODEL}"'], columns.units[0]
+        table = ModelTable.of(model).model_copy(update={"constants": dict(recording.constants)})
+        write_text(folder / MODEL, written(table))
+        constants = ", ".join(f"{n} = {x!r}" for n, x in recording.constants.items())
+        subject, unit = (
+            [f'model = "{MODEL}"', *([f"constants = {{{constants}}}"] if constants else [])],
+            columns.units[0],
+        )
     angle = factor("rad", unit, "angle") if model is None else 1.0
     units = f', angle = "{unit}"' if len(set(columns.units)) == 1 else ""
     lines = [
@@ -224,7 +230,7 @@ class Labelled:
         return variable if variable is not None and variable.dims == (name,) else None
 
 
-def read_dataset(path: str | Path, model: Model | None = None) -> Recording:
+def read_dataset(path: str | Path, model: ModelLike | None = None) -> Recording:
     """Read a NetCDF file or a Zarr store (by its name's ending); structure and units, `RecordingError` otherwise.
 
     ``model``: the declared one of which these are outputs, in place of the one in the file.
@@ -260,7 +266,7 @@ def _of_netcdf(path: Path) -> Labelled:
     return Labelled(by_name, attrs)
 
 
-def _by_xarray(path: Path, model: Model | None) -> Recording:
+def _by_xarray(path: Path, model: ModelLike | None) -> Recording:
     import xarray as xr
 
     from mcstudy.files.guarded_store import GuardedStore  # imports Zarr, which NetCDF does not need
@@ -283,10 +289,11 @@ def _of_xarray(dataset: xr.Dataset) -> Labelled:
     return Labelled({str(name): lazy(str(name), v) for name, v in dataset.variables.items()}, dict(dataset.attrs))
 
 
-def _recording(file: Labelled, where: str, given: Model | None) -> Recording:
+def _recording(file: Labelled, where: str, given: ModelLike | None) -> Recording:
     """The recording in a file; `RecordingError` names what is missing or wrong."""
     attrs = file.attrs
-    model = given or _model(attrs, where)
+    constants = _constants(attrs, where)
+    model = model_of(given, constants=constants) or _model(attrs, where)
     kind = "" if model is not None else str(_attribute(attrs, "stimulus_kind", where))
     if model is None:
         require_known(kind, STIMULI, f"{where}: stimulus_kind")
@@ -331,7 +338,16 @@ def _recording(file: Labelled, where: str, given: Model | None) -> Recording:
             Body() if model is not None else _body(attrs, where),
             **texts,
             model=model,
+            constants=constants,
         )
+
+
+def _constants(attrs: Mapping[str, Any], where: str) -> dict[str, float]:
+    """Numbers of the person that the declared model took."""
+    try:
+        return {str(n): float(x) for n, x in json.loads(str(attrs.get("constants", "{}"))).items()}
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise RecordingError(f"{where}: constants: expected JSON with numbers: {first_line(error)}") from None
 
 
 def _model(attrs: Mapping[str, Any], where: str) -> Model | None:

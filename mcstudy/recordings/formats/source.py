@@ -207,7 +207,9 @@ class Source:
         more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
         what = "column" if self.numbered else "variable"
         listed = printable(", ".join(names[:SHOWN])) or "none"
-        return f"{self.path}: {what} {key!r} is missing{similar(key, names[:1000])}; found {listed}{more}"
+        bare = names == [str(k) for k in range(len(names))]
+        hint = "; no line of names was found: give the number of a column" if self.numbered and bare else ""
+        return f"{self.path}: {what} {key!r} is missing{similar(key, names[:1000])}; found {listed}{more}{hint}"
 
 
 def _parts(key: str) -> tuple[str, tuple[slice | int, ...]]:

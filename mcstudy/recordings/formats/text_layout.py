@@ -37,6 +37,9 @@ _WITH_UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]")
 _WORD = re.compile(r'"[^"]*"|(?:[^\s"\[(]|\([^)]*\)?|\[[^\]]*\]?)+')
 """A name between blanks; blanks in quotes and in brackets belong to it."""
 
+VICON = ("Trajectories", "Model Outputs", "Joints", "Segments", "Devices")
+"""First lines of tables that Nexus exports; the second one is the rate in Hz."""
+
 AXIS = re.compile(r"([xyz])\d*", re.IGNORECASE)
 
 _OCTAVE = re.compile(r"^#\s*name:", re.MULTILINE)
@@ -162,6 +165,9 @@ def _program(lines: list[tuple[int, str]]) -> tuple[int, float | None, str | Non
         stated = dict(zip((k.strip() for k in keys), (v.strip() for v in values), strict=False))
         rate = number(stated.get("DataRate", ""))
         return lines[2][0], rate if rate and rate > 0 else None, None, stated.get("Units") or None
+    if lines and lines[0][1].strip(" ,;") in VICON and len(lines) > 3:
+        rate = number(lines[1][1].strip(" ,;"))
+        return lines[1][0], rate if rate and rate > 0 else None, None, None
     for k, line in lines[:MOST_ABOVE]:
         if line.strip().lower() == "endheader":
             head = [text.replace(" ", "").lower().strip() for n, text in lines if n < k]
@@ -255,12 +261,12 @@ def _heads(rows: list[tuple[int, str]], seen: _Rows, above: list[tuple[int, str]
     columns, heads = seen.width, list[list[str]]()
     nearest = next((len(_trimmed(seen.split(line))) for _, line in reversed(_without_comments(above))), 0)
     columns = nearest if nearest in seen.widths else columns
-    ends_empty = seen.delimiter != BLANKS and all(line.rstrip(" ").endswith(seen.delimiter) for _, line in rows)
+    empty = 0 if seen.delimiter == BLANKS else min(_empty_at_end(line, seen.delimiter) for _, line in rows)
     for k, line in reversed(above):
         comment = line.lstrip().startswith(COMMENTS)
         given = _trimmed(seen.split(line.lstrip().lstrip("".join(COMMENTS)).strip(" ") if comment else line))
-        if not heads and ends_empty and len(given) == columns - 1:
-            columns -= 1
+        if not heads and columns - empty <= len(given) < columns:
+            columns = len(given)
         head = _fitting(given, columns, seen, rows) or (_other_delimiter(line, columns) if comment else None)
         if head is None and heads and not comment and columns - 2 <= len(seen.split(line)) and len(given) <= columns:
             head = given + [""] * (columns - len(given))  # words above groups of columns
@@ -276,7 +282,13 @@ def _heads(rows: list[tuple[int, str]], seen: _Rows, above: list[tuple[int, str]
         heads.append(head)
         if len(heads) == 3:
             break
-    return columns if heads or not ends_empty else columns - 1, heads
+    return columns if heads else columns - empty, heads
+
+
+def _empty_at_end(line: str, delimiter: str) -> int:
+    """How many delimiters end a line."""
+    bare = line.replace(" ", "")
+    return len(bare) - len(bare.rstrip(delimiter))
 
 
 def _trimmed(row: list[str]) -> list[str]:

@@ -9,8 +9,9 @@ body = {reference = "goodworth2018"}                     # the body of the paper
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Literal
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Literal, NamedTuple
 
 from pydantic import Field
 
@@ -18,6 +19,7 @@ from mcstudy.errors import ModelError, RecordingError
 from mcstudy.recordings.formats.source import Source
 from mcstudy.recordings.refusals import refused
 from mcstudy.recordings.sheets.tables import Table
+from mcstudy.stance import anthropometry
 from mcstudy.stance.anthropometry import SEXES, TABLES, proportions
 from mcstudy.stance.body import SEGMENTS, Body
 
@@ -27,6 +29,9 @@ FORMS = {
     "height and weight": ("height", "weight"),
 }
 """Numbers of which all or none are stated."""
+
+USUAL_INDEX = (13.0, 45.0)
+"""Body mass index of nearly all people who stand, kg/m^2; a weight in pounds gives twice the right one."""
 
 EXPECTED = 'expected J1 ... A2, segments, height and weight, or reference = "goodworth2018"'
 
@@ -57,8 +62,49 @@ class BodySheet(Table):
     reference: Literal["goodworth2018"] | None = None
 
 
-def body_of(sheet: BodySheet, source: Callable[[str], Source], where: str) -> tuple[Body, str]:
-    """The body, and a sentence on where its constants come from when they were not measured, or on what is odd.
+class Person(NamedTuple):
+    """The body of a person.
+
+    Attributes
+    ----------
+    body
+        Inertia and gravity.
+    remark
+        Where its constants come from when they were not measured, or what is odd; else empty.
+    segments
+        Arguments of `Body.from_segments`, where they are known.
+    shoulder
+        Height of the shoulder above the hip, m; None where it is not known.
+    floor
+        Depth of the floor below the ankle, m; None where it is not known.
+    stated
+        Whether a body was stated; of outputs of a declared model it need not be.
+    """
+
+    body: Body = Body()
+    remark: str = ""
+    segments: Mapping[str, float] = MappingProxyType({})
+    shoulder: float | None = None
+    floor: float | None = None
+    stated: bool = True
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Of the whole body with straight hips about the ankle, as far as they are known.
+
+        J (kg m^2), mgh (N m/rad), mass m (kg, without feet) and height h of its centre (m).
+        """
+        if not self.stated:
+            return {}
+        whole = {"J": self.body.J1 + self.body.C2, "mgh": self.body.mgh}
+        if not self.segments:
+            return whole
+        mass = self.segments["m1"] + self.segments["m2"]
+        return {**whole, "m": mass, "h": (self.body.A1 + self.body.A2) / mass}
+
+
+def body_of(sheet: BodySheet, source: Callable[[str], Source], where: str) -> Person:
+    """The body of a person.
 
     ``source`` opens a data file by its name. `RecordingError` names ``where`` and the field.
     """
@@ -77,16 +123,26 @@ def body_of(sheet: BodySheet, source: Callable[[str], Source], where: str) -> tu
             raise RecordingError(f"{where}.{name}: {' or '.join(known)} needs height and weight")
     with refused(ModelError, where=where.removesuffix(": body")):
         if segments:
-            return Body.from_segments(**segments, g=sheet.g), _exchanged(segments)
+            return Person(Body.from_segments(**segments, g=sheet.g), _exchanged(segments), segments)
         if constants:
-            return Body(**constants, g=sheet.g), ""
+            return Person(Body(**constants, g=sheet.g))
         if person:
-            body = Body.from_person(**person, sex=sheet.sex, table=sheet.table, g=sheet.g)
-            table = proportions(sheet.sex, sheet.table).source
-            return body, f"body of {person['height']:g} m and {person['weight']:g} kg by {table}"
+            return _by_table(sheet, **person)
     if sheet.reference is None:
         raise RecordingError(f"{where}: {EXPECTED}")
-    return Body(), ""
+    return Person()
+
+
+def _by_table(sheet: BodySheet, height: float, weight: float) -> Person:
+    """The body of a person of whom height (m) and weight (kg) are known."""
+    body = Body.from_person(height=height, weight=weight, sex=sheet.sex, table=sheet.table, g=sheet.g)
+    table = proportions(sheet.sex, sheet.table)
+    remark = f"body of {height:g} m and {weight:g} kg by {table.source}"
+    index = weight / height**2
+    if not USUAL_INDEX[0] <= index <= USUAL_INDEX[1]:
+        remark += f" (odd: {index:.3g} kg/m^2; is the weight in kg, and the height that of the person?)"
+    segments = anthropometry.segments(height, weight, sheet.sex, sheet.table)
+    return Person(body, remark, segments, table.trunk * height, table.ankle * height)
 
 
 def _stated(sheet: BodySheet, names: Sequence[str]) -> dict[str, float]:

@@ -49,6 +49,13 @@ outputs under their names, in the model's units unless ``units`` or a channel sa
 
     model = "elbow.toml"       # or the name of a model
     units = {angle = "deg"}    # of all outputs
+    constants = {inertia = 0.07}  # of this person, in place of those of the model; J, mgh, m and h follow from a body
+
+The one angle of a standing body (``model = "independent_channel"``) may be a displacement of the centre of mass or of
+pressure, or come from markers or sway rods at hip and shoulder (`mcstudy.recordings.markers`):
+
+    sway = {column = "COM", unit = "cm", of = "com"}    # height of the centre of mass from the body; or height = 0.93
+    markers = {hip = ["hip"], shoulder = ["shld"], columns = "{marker}_{axis}pos", forward = "+z", up = "+y"}
 
 Ways to state the body: `mcstudy.recordings.sheets.body_sheet`.
 """
@@ -57,7 +64,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
@@ -72,6 +79,7 @@ from mcstudy.recordings.recording import EXPECTED
 from mcstudy.recordings.sheets.body_sheet import BodySheet
 from mcstudy.recordings.sheets.tables import Description, Table
 from mcstudy.recordings.units import factor
+from mcstudy.stance.feedback import ANGLES
 
 LARGEST_SHEET = 1_000_000
 """Bytes of a TOML file."""
@@ -87,18 +95,32 @@ OTHER_FILES = {
 LARGEST_SCALE = 1e9
 """Largest scale factor of a channel; the smallest is its reciprocal. Either sign is allowed."""
 
+ONE_ANGLE = '; outputs of a model, such as one sway angle, need its name (model = "independent_channel", --model)'
+"""The way on for somebody who names another channel than the two angles."""
+
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
 """Words for delimiters."""
 
 
 class Channel(Table):
-    """One channel of a trial; text or a number alone is its column."""
+    """One channel of a trial; text or a number alone is its column.
+
+    An angle may be given as a displacement: at a ``height`` in m above its axis, or ``of`` the centre of mass (com) or
+    of pressure (cop) of the body.
+    """
 
     file: str | None = None
     column: int | str | None = None
     unit: str | None = None
     scale: float = Field(default=1.0, ge=-LARGEST_SCALE, le=LARGEST_SCALE)
     rate_hz: float | None = Field(default=None, gt=0)
+    height: float | None = None
+    of: Literal["com", "cop"] | None = None
+
+    @property
+    def displacement(self) -> bool:
+        """Whether it is a displacement of which an angle is made."""
+        return self.height is not None or self.of is not None
 
     @model_validator(mode="before")
     @classmethod
@@ -129,7 +151,8 @@ class Channels(Table):
         for name in self.__pydantic_extra__:
             if name not in outputs:
                 known = ", ".join((*reversed(type(self).model_fields), *outputs))
-                raise RecordingError(f"{where}.{name}: unknown key, expected one of {known}")
+                one = "" if name in ANGLES or ANGLES[0] not in outputs else ONE_ANGLE
+                raise RecordingError(f"{where}.{name}: unknown key, expected one of {known}{one}")
 
 
 class TrialSheet(Channels):
@@ -216,6 +239,7 @@ class Sheet(Description):
     period_s: float | None = Field(default=None, gt=0)
     stimulus: str = "ankle_torque"
     model: str | None = None
+    constants: dict[str, Annotated[float, Field(gt=0)]] = Field(default={})
     convention: Literal["peak", "peak_to_peak"] = "peak"
     upper_body: Literal["hip", "space"] = "hip"
     resample_hz: float | None = Field(default=None, gt=0)

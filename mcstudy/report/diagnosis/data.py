@@ -13,8 +13,8 @@ from mcstudy.fitting.problem import Data
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.questions.detection import standardised
 from mcstudy.gap.verdict import added_name
-from mcstudy.recordings.frf import FrfRecording
 from mcstudy.spectra.lines import Lines
+from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model
 
 BANDS_PER_DECADE = 12
@@ -27,8 +27,8 @@ class Averages:
 
     Attributes
     ----------
-    f: (B,) Hz. ratio: (B, 2) complex, measured FRF divided by that of the base model. sd: (B, 2), root of
-    E|error|^2 of ``ratio``. after: (B, 2) complex, the same ratio for the model with the cause.
+    f: (B,) Hz. ratio: (B, Y) complex, measured FRF divided by that of the base model. sd: (B, Y), root of
+    E|error|^2 of ``ratio``. after: (B, Y) complex, the same ratio for the model with the cause.
     """
 
     f: np.ndarray
@@ -74,13 +74,21 @@ class GapData:
 
     @property
     def angles(self) -> list[str]:
-        """Names of the measured angles."""
-        recording = self.diagnosis.recording
-        n = 1 if isinstance(recording, FrfRecording) and recording.single else 2
-        return ["θ1", "θ2"][:n]
+        """Names of what was measured."""
+        names = self.model.output_names
+        return [name.replace("theta", "θ") if standing(self.model) else name for name in names]
+
+    @property
+    def units(self) -> list[str]:
+        """Units in which they are drawn in time: ° for rad."""
+        return ["°" if unit == "rad" else unit for unit in self.model.output_units]
+
+    def drawn(self, x: np.ndarray) -> np.ndarray:
+        """Values (..., Y) in the units in which they are drawn in time."""
+        return np.asarray(x * [np.degrees(1.0) if unit == "rad" else 1.0 for unit in self.model.output_units])
 
     def before(self, f: np.ndarray) -> np.ndarray:
-        """FRFs of the model without effects, (N, 2) complex, rad per unit of the stimulus."""
+        """FRFs of the model without effects, (N, Y) complex, per unit of the stimulus."""
         return self.diagnosis.base.response(f)
 
     def after(self, f: np.ndarray) -> np.ndarray | None:
@@ -111,7 +119,7 @@ class GapData:
 
     @property
     def z_before(self) -> np.ndarray:
-        """|z|, (N, 2): standardised residuals of the base model; RMS 1 for noise alone."""
+        """|z|, (N, Y): standardised residuals of the base model; RMS 1 for noise alone."""
         return np.abs(self.diagnosis.detection.z)
 
     @cached_property
@@ -124,7 +132,7 @@ class GapData:
 
 
 def band_means(lines: Lines, before: np.ndarray, after: np.ndarray | None = None) -> Averages:
-    """Means over bands of the lines relative to the responses ``before`` (N, 2) of a model; ``after``: of another.
+    """Means over bands of the lines relative to the responses ``before`` (N, Y) of a model; ``after``: of another.
 
     Not a number for an angle that was not measured.
     """
@@ -140,7 +148,9 @@ def band_means(lines: Lines, before: np.ndarray, after: np.ndarray | None = None
             w = weight[inside] / weight[inside].sum(axis=0)
             ratio.append((w * lines.y[inside] / before[inside]).sum(axis=0))
             sd.append(weight[inside].sum(axis=0) ** -0.5)
-            moved.append(np.ones(2) if after is None else (w * after[inside] / before[inside]).sum(axis=0))
+            moved.append(
+                np.ones(before.shape[1]) if after is None else (w * after[inside] / before[inside]).sum(axis=0)
+            )
     return Averages(np.array(centre), np.array(ratio), np.array(sd), np.array(moved))
 
 

@@ -40,7 +40,7 @@ def response_gain(data: GapData, angle: int = 0, ax: Axes | None = None) -> Axes
     )
     log_axis(ax.yaxis)
     frequency_axis(ax, data.lines.f)
-    ax.set_ylabel(f"gain ({gain_unit(data.model)})")
+    ax.set_ylabel(f"gain ({gain_unit(data.model, angle)})")
     return _titled(ax, data, angle)
 
 
@@ -179,10 +179,10 @@ def _clipped(ax: Axes, values: np.ndarray, least: float, lowest: float = -np.inf
     ax.set_ylim(max(-most, lowest), most)
 
 
-def gain_unit(model: Model) -> str:
-    """Unit of the gain of an angle."""
-    unit = model.stimulus_unit.replace(" ", "·")
-    return f"rad/({unit})" if "·" in unit else f"rad/{unit}"
+def gain_unit(model: Model, angle: int = 0) -> str:
+    """Unit of the gain of an angle or another output."""
+    unit, out = model.stimulus_unit.replace(" ", "·"), model.output_units[angle].replace(" ", "·")
+    return f"{out}/({unit})" if "·" in unit else f"{out}/{unit}"
 
 
 def _titled(ax: Axes, data: GapData, angle: int) -> Axes:

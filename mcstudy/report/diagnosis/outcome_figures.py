@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from mcstudy.effect_library.library import shape_parameters
+from mcstudy.effect_library.library import library_of
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import DiagnosisRecord
-from mcstudy.gap.verdict import added_name, effects_of, p_words, shown_causes
+from mcstudy.gap.verdict import added_name, effects_of, motion, p_words, shown_causes
 from mcstudy.report.axes import axes, legend_below
 from mcstudy.report.diagnosis.figures import AFTER, BEFORE, MEASURED
 from mcstudy.report.diagnosis.traces import SwayTraces
@@ -79,11 +79,12 @@ def _against_null(ax: Axes, null: np.ndarray, observed: float, text: str) -> Axe
 
 def effect_sizes(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     """Sizes of the leading cause and of those in the 95 % set, with 95 % intervals, in standard errors."""
+    shapes = library_of(diagnosis.base.model).shape_parameters
     sizes = [
         (f"{s.name}\n{effects_of(c)}", s)
         for c in shown_causes(diagnosis)
         for s in c.sizes
-        if s.se > 0 and s.name not in shape_parameters()
+        if s.se > 0 and s.name not in shapes
     ][:MOST_CAUSES]
     if not sizes:
         raise InputError(f"{diagnosis.name}: no cause leads or is in the 95 % set, so there is no size to show")
@@ -151,7 +152,7 @@ def sway_error_bars(diagnosis: DiagnosisRecord, ax: Axes | None = None) -> Axes:
     ax.set_yticks(range(len(shown)), [_wrapped(name) for name, _, _ in shown])
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("RMS error of sway (°)")
+    ax.set_xlabel(f"RMS error of {motion(d)} (°)")
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1))
     return ax
 
@@ -165,7 +166,7 @@ def sway_trace(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Ax
     ax.plot(t, traces.before[step, angle], color=BEFORE, linewidth=1.1, linestyle=DASHES[1], label="base model")
     if traces.after is not None:
         ax.plot(t, traces.after[step, angle], color=AFTER, linewidth=1.1, label=traces.added_name)
-    ax.set_ylabel(f"θ{angle + 1} (°)")
+    ax.set_ylabel(f"{traces.names[angle]} ({traces.units[angle]})")
     return _in_time(ax)
 
 
@@ -182,7 +183,7 @@ def sway_left(traces: SwayTraces, angle: int = 0, ax: Axes | None = None) -> Axe
     if traces.after is not None:
         after = (traces.measured - traces.after)[step, angle]
         ax.plot(t, after, color=AFTER, linewidth=1.0, label=traces.added_name)
-    ax.set_ylabel(f"error of predicted θ{angle + 1} (°)")
+    ax.set_ylabel(f"error of predicted {traces.names[angle]} ({traces.units[angle]})")
     return _in_time(ax)
 
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 from markupsafe import Markup
 
-from mcstudy.effect_library.library import LIBRARY, size_text
+from mcstudy.effect_library.library import library_of, size_text
 from mcstudy.errors import InputError
 from mcstudy.gap.diagnosis import DiagnosisRecord
 from mcstudy.gap.tables import closing, evidence, tables
 from mcstudy.gap.trial_planning.next_trial import NextTrialRecord
-from mcstudy.gap.verdict import added_name, differing_tests, effects_of, sentences
+from mcstudy.gap.verdict import added_name, differing_tests, effects_of, motion, sentences
 from mcstudy.recordings.joint_recording import part_labels
 from mcstudy.report.diagnosis.data import GapData
 from mcstudy.report.diagnosis.next_trial import next_figure
@@ -29,6 +29,7 @@ from mcstudy.report.document import document
 from mcstudy.report.figure import Figure, Missing, figures, of_part
 from mcstudy.report.html import code, details, html, joined, paragraphs, table
 from mcstudy.report.origin import recording_rows
+from mcstudy.stance.feedback import Model
 from mcstudy.text_tables import Table
 
 
@@ -50,7 +51,7 @@ def gap_page(
         ("responses", "Measured and modelled responses", figures(where, command)),
         ("which", "Which effect, where, and how far", figures(which_figures(diagnosis), command)),
         ("next", "Which trial next", figures([] if planned is None else [next_figure(planned)], command)),
-        ("sway", "Sway", figures(_times(diagnosis, parts), command)),
+        ("sway", motion(diagnosis).capitalize(), figures(_times(diagnosis, parts), command)),
         ("numbers", "In numbers", _numbers(diagnosis) + html('<p class="how">Made by <code>{}</code></p>', printed)),
         ("made", "Provenance", _provenance(data, command)),
     ]
@@ -89,7 +90,7 @@ def _time(data: GapData) -> Figure | Missing:
     try:
         return time_figure(data, SwayTraces.of(data))
     except InputError as error:
-        return Missing("Sway in time", str(error), "traces")
+        return Missing(f"{motion(data.diagnosis).capitalize()} in time", str(error), "traces")
 
 
 def _introduction(data: GapData) -> Markup:
@@ -142,12 +143,13 @@ def _provenance(data: GapData, command: str) -> Markup:
             '>>> diagnosis = mc.diagnose(mc.read_recording("REC"))',
         )
         + table(Table("This recording and diagnosis", ["", ""], rows), "facts")
-        + details("Effects of the library, with the sources of their sizes", table(_library(), "wide"))
+        + details("Effects of the library, with the sources of their sizes", table(_library(data.model), "wide"))
     )
 
 
-def _library() -> Table:
+def _library(model: Model) -> Table:
     """The effects as ``mcstudy gap effects`` lists them."""
-    rows = [[e.name, ", ".join(e.place), size_text(e.size), e.equation, e.source] for e in LIBRARY.values()]
+    known = library_of(model).values()
+    rows = [[e.name, ", ".join(e.place), size_text(e.size), e.equation, e.source] for e in known]
     header = ["effect", "location", "usual size", "equation", "source of the size"]
     return Table("Effects (mcstudy gap effects)", header, rows)

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 class Plots:
     """Figures of one diagnosis: each method draws on matplotlib axes ``ax`` (new ones when None) and returns them.
 
-    ``angle`` is 0 for theta1, the lower body, and 1 for theta2, the hip. Both models are the base model and the model
+    ``angle`` is 0 for theta1, the lower body, and 1 for theta2, the hip, or the position of an output of a declared
+    model. Both models are the base model and the model
     with the leading cause. Raises `InputError` without matplotlib (the extra ``report``).
     """
 

@@ -6,13 +6,14 @@ from functools import partial
 
 from mcstudy.gap import tables
 from mcstudy.gap.diagnosis import DiagnosisRecord
-from mcstudy.gap.verdict import not_a_body, share_closed, shown_causes, sway
+from mcstudy.gap.verdict import motion, not_a_body, share_closed, shown_causes, sway
 from mcstudy.report.diagnosis import figures, outcome_figures
 from mcstudy.report.diagnosis.data import BANDS_PER_DECADE, GapData
 from mcstudy.report.diagnosis.traces import SwayTraces
 from mcstudy.report.figure import Figure, Missing, Panel, by_angle
 from mcstudy.report.labels import with_units
 from mcstudy.report.numbers import short
+from mcstudy.stance.body import standing
 from mcstudy.text_tables import Table
 
 NARROW = 3
@@ -35,12 +36,13 @@ def response_figures(data: GapData) -> list[Figure]:
     ]
     header = ["angle, centre of band", "measured / base", "SD", f"{data.added_name} / base"]
     added = "" if data.added is None else f" Solid: the model {data.added_name}."
+    how = "much the body sways" if standing(data.model) else "large the response is"
     return [
         Figure(
             "frf",
             "Frequency responses",
             [
-                f"How much the body sways (gain), and how late (phase), at each frequency of the stimulus. Circles: "
+                f"How {how} (gain), and how late (phase), at each frequency of the stimulus. Circles: "
                 f"measured, with a 95 % band. Dashed: the base model.{added}",
                 f"Neighbouring lines are averaged in {BANDS_PER_DECADE} bands per decade for display only; every "
                 "statistic uses the lines. Phases of all curves of a panel are counted through full turns alike.",
@@ -161,10 +163,10 @@ def _closing_figure(d: DiagnosisRecord) -> Figure | Missing:
         )
         call = "diagnosis.plot.gap_closed()"
     if d.sway_noise_deg is not None:
-        panels.append(Panel("error of predicted sway", partial(outcome_figures.sway_error_bars, d), FLAT))
+        panels.append(Panel(f"error of predicted {motion(d)}", partial(outcome_figures.sway_error_bars, d), FLAT))
         text.append(
-            "Error of the sway that each model predicts from the stimulus. Grey: the range that noise alone gives "
-            f"in 95 % of recordings. {sway(d)}".rstrip()
+            f"Error of the {motion(d)} that each model predicts from the stimulus. Grey: the range that noise alone "
+            f"gives in 95 % of recordings. {sway(d)}".rstrip()
         )
         call = call or "diagnosis.plot.sway_error()"
     if not panels:
@@ -176,21 +178,21 @@ def _closing_figure(d: DiagnosisRecord) -> Figure | Missing:
 
 def time_figure(data: GapData, traces: SwayTraces) -> Figure:
     """Measured and predicted sway in time."""
-    angles = list(enumerate(data.angles))
+    angles, what = list(enumerate(data.angles)), motion(data.diagnosis)
     return Figure(
         "traces",
-        "Sway in time",
+        f"{what.capitalize()} in time",
         [
-            f"Measured sway ({traces.what}, peak of the stimulus {traces.amplitude:.3g} "
+            f"Measured {what} ({traces.what}, peak of the stimulus {traces.amplitude:.3g} "
             f"{with_units(data.model.stimulus_unit)}, {data.lines.f[0]:.2g} to {data.lines.f[-1]:.2g} Hz) "
             "and what the models predict from the stimulus alone.",
-            "Last panels: measured minus predicted sway. The grey band covers 95 % of the noise of the mean cycle."
+            f"Last panels: measured minus predicted {what}. The grey band covers 95 % of the noise of the mean cycle."
             if traces.error[0] == traces.error[0]
-            else "Last panels: measured minus predicted sway. It includes the noise, because nothing is averaged here.",
+            else f"Last panels: measured minus predicted {what}. It includes the noise, because nothing is averaged.",
         ],
         [
-            *(Panel(f"sway {n}", partial(outcome_figures.sway_trace, traces, k), WIDE) for k, n in angles),
-            *(Panel(f"residual sway {n}", partial(outcome_figures.sway_left, traces, k), WIDE) for k, n in angles),
+            *(Panel(f"{what} {n}", partial(outcome_figures.sway_trace, traces, k), WIDE) for k, n in angles),
+            *(Panel(f"residual {what} {n}", partial(outcome_figures.sway_left, traces, k), WIDE) for k, n in angles),
         ],
         python="diagnosis.plot.sway(angle=0)",
     )

@@ -19,14 +19,14 @@ WINDOW_S = 60.0
 
 @dataclass(frozen=True)
 class SwayTraces:
-    """Sway of one amplitude, limited to the diagnosed frequencies; angles (n, 2) in degrees.
+    """Sway of one amplitude, limited to the diagnosed frequencies; (n, Y) in ``units``, ° for angles in rad.
 
     Attributes
     ----------
     t: (n,) s. measured: mean cycle over all trials of this amplitude, or a stretch of the first trial when the
-    stimulus has no period. error: (2,) standard error of ``measured`` at a point, nan where there is no mean.
+    stimulus has no period. error: (Y,) standard error of ``measured`` at a point, nan where there is no mean.
     before, after: predicted by the models (after is None when no cause was added). what: description as text.
-    amplitude: peak of the stimulus. added_name: what the model with the cause is called.
+    amplitude: peak of the stimulus. added_name: what the model with the cause is called. names, units: of the columns.
     """
 
     t: np.ndarray
@@ -37,6 +37,8 @@ class SwayTraces:
     what: str
     amplitude: float
     added_name: str
+    names: list[str]
+    units: list[str]
 
     @classmethod
     def of(cls, data: GapData) -> SwayTraces:
@@ -72,18 +74,24 @@ def _of_cycles(data: GapData, recording: Recording) -> SwayTraces:
     sign = polarity(fft.rfft(drives, axis=1))[:, None]
     drive = (sign * drives).mean(axis=0)
     cycles = sign[..., None] * fft.irfft(spectra, period, axis=1, norm="forward")
-    error = cycles.std(axis=0, ddof=1).mean(axis=0) / np.sqrt(len(cycles)) if len(cycles) > 1 else np.full(2, np.nan)
+    error = (
+        cycles.std(axis=0, ddof=1).mean(axis=0) / np.sqrt(len(cycles))
+        if len(cycles) > 1
+        else np.full(cycles.shape[2], np.nan)
+    )
     before, after = _predicted(data, fft.rfft(drive), f, keep, period)
     what = f"mean of {len(cycles)} cycles"
     return SwayTraces(
         np.arange(period) / recording.rate_hz,
-        _degrees(cycles.mean(axis=0)),
-        _degrees(error),
+        data.drawn(cycles.mean(axis=0)),
+        data.drawn(error),
         before,
         after,
         what,
         peak,
         data.added_name,
+        data.angles,
+        data.units,
     )
 
 
@@ -95,35 +103,33 @@ def _of_stretch(data: GapData, recording: Recording) -> SwayTraces:
     keep = (f >= data.lines.f[0] * 0.999) & (f <= data.lines.f[-1] * 1.001)
     drive = fft.rfft(trial.stimulus - trial.stimulus.mean(), 2 * n)
     theta = fft.rfft(trial.theta - trial.theta.mean(axis=0), 2 * n, axis=0) * keep[:, None]
-    measured = _degrees(fft.irfft(theta, 2 * n, axis=0))
+    measured = data.drawn(fft.irfft(theta, 2 * n, axis=0))
     before, after = _predicted(data, drive, f, keep, 2 * n)
     half = min(n, round(WINDOW_S * recording.rate_hz)) // 2
     window = slice(n // 2 - half, n // 2 + half)
     return SwayTraces(
         np.arange(window.start, window.stop) / recording.rate_hz,
         measured[window],
-        np.full(2, np.nan),
+        np.full(measured.shape[1], np.nan),
         before[window],
         None if after is None else after[window],
         f"{2 * half / recording.rate_hz:.0f} s from the middle of a trial",
         trial.peak,
         data.added_name,
+        data.angles,
+        data.units,
     )
 
 
 def _predicted(
     data: GapData, drive: np.ndarray, f: np.ndarray, keep: np.ndarray, n: int
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Sway (n, 2) in degrees predicted by both models for a stimulus with spectrum (K,)."""
+    """Sway (n, Y) as drawn, predicted by both models for a stimulus with spectrum (K,)."""
 
     def answer(response: np.ndarray) -> np.ndarray:
-        spectrum = np.zeros((f.size, 2), dtype=complex)
+        spectrum = np.zeros((f.size, response.shape[1]), dtype=complex)
         spectrum[keep] = response * drive[keep, None]
-        return _degrees(fft.irfft(spectrum, n, axis=0))
+        return data.drawn(fft.irfft(spectrum, n, axis=0))
 
     after = data.after(f[keep])
     return answer(data.before(f[keep])), None if after is None else answer(after)
-
-
-def _degrees(x: np.ndarray) -> np.ndarray:
-    return np.asarray(np.rad2deg(x))

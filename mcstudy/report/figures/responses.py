@@ -37,7 +37,7 @@ def frf_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.nd
     return {
         angle.replace("theta", "θ") + (f" from {stimulus}" if model.blocks else ""): H[..., i]
         for stimulus, H in responses
-        for i, angle in enumerate(model.output_names[: model.n_angles])
+        for i, angle in enumerate(model.output_names)
     }
 
 

@@ -69,7 +69,7 @@ class Signals:
     @property
     def angles(self) -> list[str]:
         """Names of the angles that move."""
-        return [n.replace("theta", "θ") for n in self.model.output_names[: self.model.n_angles]]
+        return [n.replace("theta", "θ") for n in self.model.output_names]
 
     @property
     def cycles(self) -> int:
@@ -145,8 +145,7 @@ class Signals:
         f = lines / self.periodic.period_s
         simulated = periods.raw(self.simulated_sway, self.periodic.samples, discard)[lines]
         exact = frf(model, model.truth, f) * self.periodic.coefficients()[lines, None]
-        n = model.n_angles
-        return f, np.abs(simulated[:, :n] - exact[:, :n]) / np.abs(exact[:, :n])
+        return f, np.abs(simulated - exact) / np.abs(exact)
 
     def sampling_error(self, f: np.ndarray) -> np.ndarray:
         """The part of `frf_error` that sampling explains, (N,): the simulated stimulus is linear between samples."""

@@ -175,7 +175,7 @@ def _model(fit: FitRecord) -> list[Figure]:
 
 
 def _frf(fit: FitRecord) -> Figure:
-    angles = [(k, f"θ{k + 1}") for k in responses.angles(fit)]
+    angles = [(k, name.replace("theta", "θ")) for k, name in enumerate(fit.model.output_names)]
     return Figure(
         "frf",
         "Frequency responses",

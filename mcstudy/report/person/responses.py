@@ -41,11 +41,6 @@ def response_phase(fit: FitRecord, angle: int = 0, ax: Axes | None = None) -> Ax
     return _finished(fit, angle, ax, np.degrees(curves))
 
 
-def angles(fit: FitRecord) -> list[int]:
-    """The angles that were measured."""
-    return [k for k in range(2) if np.abs(fit.lines.y[:, k]).any()]
-
-
 def _bands(fit: FitRecord, angle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of B bands: measured over fitted response, its standard deviation, frequency, and fitted response, (B,) each."""
     means = band_means(fit.lines, frf(fit.model, fit.theta, fit.lines.f))

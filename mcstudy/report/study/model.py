@@ -21,14 +21,14 @@ def model_html(context: Context) -> Markup:
     view = context.main
     model, declared = view.model, view.group.model.declared
     counterparts = {} if declared else context.publication.counterparts
-    single = model.n_angles == 1
+    single = model.n_outputs == 1
     angles = "θ1 is the angle of the body from upright"
     if not single:
         angles = "θ1 is the angle of the lower body from upright, θ2 the hip angle, θ2s = θ1 + θ2"
     stimulus = f"the stimulus, in {with_units(model.stimulus_unit)}"
     if declared:
-        measured = zip(model.output_names[: model.n_angles], model.output_units, strict=False)
-        angles = f"measured {'is' if model.n_angles == 1 else 'are'} {' and '.join(f'{n} in {u}' for n, u in measured)}"
+        measured = " and ".join(f"{n} in {u}" for n, u in zip(model.output_names, model.output_units, strict=True))
+        angles = f"measured {'is' if single else 'are'} {measured}"
         if len(model.blocks) > 1:
             stimulus = "each stimulus: " + ", ".join(f"{b.name} in {with_units(b.unit)}" for b in model.blocks)
         units = "times are in s, units of the parameters are those of the table"

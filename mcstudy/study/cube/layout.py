@@ -7,7 +7,7 @@ files. A chunk holds one amplitude x all Fmax x a few realizations x all starts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from mcstudy.fitting.certainty import certain
 from mcstudy.fitting.problem import Fits
 from mcstudy.fitting.solvers import solvers
 from mcstudy.fitting.status import USABLE, Status
-from mcstudy.stance.feedback import Model
+from mcstudy.stance.feedback import ANGLES, Model
 from mcstudy.study.group import Group
 
 CHUNKS_A_GROUP = 400
@@ -221,6 +221,20 @@ def layout(
     _add_results(add, group, model)
     results = tuple(name for name, spec in arrays.items() if spec.values is None)
     return Layout(group, depth, arrays, results)
+
+
+def with_empty_angle(given: Layout) -> Layout:
+    """The arrays of a model of one joint as earlier versions stored them: with a second angle, without response."""
+    arrays, empty = {}, "none" if given.group.model.declared else ANGLES[1]
+    for name, spec in given.arrays.items():
+        more = tuple(int(dim in ("angle", "angle_2")) for dim in spec.dims)
+        shape, chunks = (tuple(np.add(size, more).tolist()) for size in (spec.shape, spec.chunks))
+        values = spec.values
+        if values is not None and any(more):
+            nothing = empty if spec.dtype == "string" else 0.0
+            values = np.pad(values, [(0, n) for n in more], constant_values=nothing)
+        arrays[name] = replace(spec, shape=shape, chunks=chunks, values=values)
+    return replace(given, arrays=arrays)
 
 
 def _response_unit(model: Model) -> str:

@@ -82,6 +82,15 @@ def _votes(folder: Path) -> Iterator[int]:
             continue
 
 
+def holds_empty_angle(folder: Path) -> bool:
+    """Whether a group of one joint, which may be damaged, has the second angle of earlier versions, by majority."""
+    votes: Counter[bool] = Counter()
+    for name in ("frf", "angle", "angle_2", "true_frf", "noise_covariance"):
+        with contextlib.suppress(StoreError, KeyError, TypeError, IndexError):
+            votes[own_document(folder / name)["shape"][-1] == 2] += 1
+    return votes[True] > votes[False]
+
+
 def _positive(value: Any) -> int:
     if int(value) < 1:
         raise ValueError

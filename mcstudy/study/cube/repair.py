@@ -47,7 +47,8 @@ def skeleton(cube: Cube, made_in: dict[str, Any], others: dict[str, dict[str, An
     ``others``: further environments that its chunks name, by label.
     """
     with scratch_folder("mcstudy-fresh-") as folder:
-        fresh = Cube.create(folder / "fresh", cube.study, made_in, cube.depths, others)
+        older = [name for name, group in cube.groups.items() if group.older]
+        fresh = Cube.create(folder / "fresh", cube.study, made_in, cube.depths, others, older)
         return {p.relative_to(fresh.path): p.read_bytes() for p in fresh.path.rglob("*") if p.is_file()}
 
 

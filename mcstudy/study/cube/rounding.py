@@ -8,7 +8,7 @@ compared within a tolerance.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -134,11 +134,13 @@ def compared(
     fits = chosen & np.isin(stored["status"], USABLE)
     width = experiment.model.upper - experiment.model.lower
     for name, axes in DATA.items():
-        if name in stored:
+        if name in stored and not (store.older and name == "noise_covariance"):
             a, b = (x[name][0, row] for x in (stored, here))
             out.data = max(out.data, _apart(a, b, np.abs(a).max(axis=axes, keepdims=True)))
     out.data = max(out.data, _apart(stored["initial"][chosen], here["initial"][chosen], width))
     measured = experiment.measure(group.amplitude[chunk.amplitude], store.layout.realizations(chunk)[row])
+    if store.older and measured.covariance is not None:  # whose estimate held rounding errors of the angle that is none
+        measured = replace(measured, covariance=stored["noise_covariance"][0, row])
     for k, fmax in enumerate(group.fmax):
         problem = experiment.problem(measured, fmax)
         for place in zip(*np.nonzero(fits[:, k]), strict=True):

@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import shutil
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -31,8 +31,16 @@ from mcstudy.files.untrusted import LARGEST_CHUNK, real_bytes, real_end, refuse_
 from mcstudy.fitting.status import USABLE, Status
 from mcstudy.study.cube.checksums import LARGEST_NOTE, Checked, checksum, environments_of, note, noted
 from mcstudy.study.cube.encoding import codecs, decoded, encoded
-from mcstudy.study.cube.layout import ArraySpec, Chunk, ChunkData, Layout, realizations_a_chunk
-from mcstudy.study.cube.metadata import KEYS, check_array, chunk_bytes, depth_votes, describe, own_document
+from mcstudy.study.cube.layout import ArraySpec, Chunk, ChunkData, Layout, realizations_a_chunk, with_empty_angle
+from mcstudy.study.cube.metadata import (
+    KEYS,
+    check_array,
+    chunk_bytes,
+    depth_votes,
+    describe,
+    holds_empty_angle,
+    own_document,
+)
 from mcstudy.study.design import Study
 from mcstudy.study.environment import environment
 from mcstudy.study.experiment import Experiment
@@ -58,11 +66,26 @@ class ChunkState(Enum):
 
 
 class GroupStore:
-    """One group of a cube: reading and writing whole chunks."""
+    """One group of a cube: reading and writing whole chunks.
 
-    def __init__(self, path: Path, name: str, experiment: Experiment, depth: int, fingerprint: str) -> None:
+    ``stored``: its arrays on disk, which are those of its ``layout`` but in ``older`` cubes (`with_empty_angle`); None
+    looks there.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        name: str,
+        experiment: Experiment,
+        depth: int,
+        fingerprint: str,
+        older: bool | None = None,
+    ) -> None:
         self.path, self.name, self.experiment, self.fingerprint = path / name, name, experiment, fingerprint
         self.layout: Layout = experiment.layout(depth)
+        single = experiment.model.n_rows == 1 and not experiment.model.outputs
+        self.older = single and (holds_empty_angle(self.path) if older is None else older)
+        self.stored = with_empty_angle(self.layout) if self.older else self.layout
 
     def write(self, chunk: Chunk, data: dict[str, np.ndarray], environments: Iterable[str] = ()) -> None:
         """Write one chunk: arrays, folders, status, checksums, in this order; on return all of it is on disk.
@@ -79,7 +102,7 @@ class GroupStore:
 
     def put(self, name: str, chunk: Chunk, values: np.ndarray) -> int:
         """Write one array of a chunk and return its CRC-32C; its name is durable once the array's folder is synced."""
-        content = encoded(self.layout.arrays[name], values)
+        content = encoded(self.stored.arrays[name], values)
         durable.write(self.chunk_file(name, chunk), content)
         return checksum(content)
 
@@ -89,16 +112,17 @@ class GroupStore:
         Needs neither Zarr, which is slow to import, nor the metadata of the array, which follow from the study.
         Raises `StoreError` when it is damaged or, according to the stored checksums, missing or swapped.
         """
-        spec, key = self.layout.arrays[name], f"{self.name}/{name}/{self.layout.key(name, chunk)}"
-        content = Checked(self.path.parent, {self.name: self.layout}, self.fingerprint).content(key)
+        spec, key = self.stored.arrays[name], f"{self.name}/{name}/{self.layout.key(name, chunk)}"
+        content = Checked(self.path.parent, {self.name: self.stored}, self.fingerprint).content(key)
         if content is None:
             return self.layout.empty(chunk)[name]
         try:
             whole = decoded(spec, content)
         except Exception as error:  # every codec fails on damaged bytes with its own exceptions
             raise StoreError(f"{self.chunk_file(name, chunk)}: damaged ({_reason(error)})") from None
-        size = {"realization": len(self.layout.realizations(chunk))}  # the last chunk of an axis is filled up
-        return whole[tuple(slice(size.get(dim)) for dim in spec.dims)].copy()
+        size = dict(zip(spec.dims, self.layout.arrays[name].shape, strict=True))
+        size["realization"] = len(self.layout.realizations(chunk))  # the last chunk of an axis is filled up
+        return whole[tuple(slice(size[dim]) for dim in spec.dims)].copy()
 
     def chunk_file(self, name: str, chunk: Chunk) -> Path:
         """The file of one array's chunk."""
@@ -225,17 +249,30 @@ class Cube:
     """A cube on disk and the study it belongs to.
 
     ``depths``: realizations per chunk, by group; a new cube takes them from the design, an existing one keeps its own.
+    ``older``: groups of the form of earlier versions (`GroupStore`); None looks on disk.
     """
 
-    def __init__(self, path: Path, study: Study, attributes: dict[str, Any], depths: dict[str, int]) -> None:
-        self.path, self.study, self.attributes, self.depths = path, study, attributes, depths
+    def __init__(
+        self,
+        path: Path,
+        study: Study,
+        attributes: dict[str, Any],
+        depths: dict[str, int],
+        older: Collection[str] | None = None,
+    ) -> None:
+        self.path, self.study, self.attributes, self.depths, self.older = path, study, attributes, depths, older
 
     @cached_property
     def groups(self) -> dict[str, GroupStore]:
         """The groups, in the order of the study file."""
         return {
             name: GroupStore(
-                self.path, name, Experiment(group, self.study.study.seed), self.depths[name], self.study.fingerprint
+                self.path,
+                name,
+                Experiment(group, self.study.study.seed),
+                self.depths[name],
+                self.study.fingerprint,
+                None if self.older is None else name in self.older,
             )
             for name, group in self.study.groups.items()
         }
@@ -248,11 +285,13 @@ class Cube:
         made_in: dict[str, Any] | None = None,
         depths: dict[str, int] | None = None,
         others: Mapping[str, dict[str, Any]] | None = None,
+        older: Collection[str] = (),
     ) -> Cube:
         """Create an empty cube; it appears at ``path`` complete and on disk, or not at all.
 
         ``made_in`` is the environment to store and ``depths`` are the realizations per chunk; defaults are the present
         environment and the layout of the design. ``others``: further environments that its chunks will name.
+        ``older``: as in `Cube`.
         Raises `StoreError` when ``path`` cannot be written.
         """
         path = local_path(path)
@@ -265,7 +304,7 @@ class Cube:
             attributes = _root_attributes(study, made_in or environment())
             if others:
                 attributes["environments"] = dict(sorted(others.items()))
-            cube = cls(building, study, attributes, depths)
+            cube = cls(building, study, attributes, depths, older)
             with unfinished(building, building.mkdir):
                 _refuse_one_name(building, list(cube.groups))
                 for name, content in _files(_Empty.of(cube)).items():
@@ -277,7 +316,7 @@ class Cube:
                 sync_folder(path.parent)
         except OSError as error:
             raise unwritable(path, "a writable folder", error) from None
-        return cls(path, study, attributes, depths)
+        return cls(path, study, attributes, depths, older)
 
     @classmethod
     def open(cls, path: str | Path) -> Cube:
@@ -300,7 +339,7 @@ class Cube:
         if set(metadata) != set(self.groups):
             raise StoreError(f"{self.path}: expected groups {', '.join(self.groups)}, found {', '.join(metadata)}")
         for name, group in self.groups.items():
-            if chunk_bytes(group.layout) > LARGEST_CHUNK:
+            if chunk_bytes(group.stored) > LARGEST_CHUNK:
                 raise StoreError(
                     f"{group.path}: realizations_a_chunk: expected chunks of at most {LARGEST_CHUNK} bytes"
                 )
@@ -311,7 +350,7 @@ class Cube:
                 raise StoreError(
                     f"{group.path / 'zarr.json'}: attribute fingerprint: expected {fingerprint}, as in the root"
                 )
-            for array, spec in group.layout.arrays.items():
+            for array, spec in group.stored.arrays.items():
                 document = metadata[name]["arrays"].get(array)
                 if document is None:
                     raise StoreError(f"{group.path / array}: missing")
@@ -413,7 +452,7 @@ class _Empty:
     @classmethod
     def of(cls, cube: Cube) -> _Empty:
         groups = {
-            name: (_group_attributes(group, cube.attributes), [*map(_content, group.layout.arrays.items())])
+            name: (_group_attributes(group, cube.attributes), [*map(_content, group.stored.arrays.items())])
             for name, group in cube.groups.items()
         }
         return cls(repr((cube.attributes, groups)), cube)
@@ -437,7 +476,7 @@ def _files(empty: _Empty) -> dict[str, bytes]:
     made: dict[str, str] = {}
     for name, group in empty.cube.groups.items():
         node = root.create_group(name, attributes=_group_attributes(group, empty.cube.attributes))
-        for item in group.layout.arrays.items():
+        for item in group.stored.arrays.items():
             place = f"{name}/{item[0]}/"
             if (equal := made.setdefault(repr(_content(item)), place)) == place:
                 _create(node, item[1])

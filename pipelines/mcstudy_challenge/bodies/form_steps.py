@@ -152,7 +152,7 @@ def fading_gain(model: Model, a: float, shape: Shapes) -> Model:
 def delay_and_lag(model: Model, a: float, shape: Shapes) -> Model:
     """A delay of the stimulus, and a lag that grows with it."""
     lagging = edits.filter_terms(model, edits.is_stimulus, _ratio("form", (1.0,), (1.0, shape["r"] * a)))
-    return edits.delay_stimulus(lagging.with_terms([constant("form_delay", a)]), "form_delay")
+    return edits.delay_terms(lagging.with_terms([constant("form_delay", a)]), edits.is_stimulus, "form_delay")
 
 
 def sensors(*angles: int, first: bool = False) -> Build:

@@ -22,7 +22,7 @@ from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model, Parameter
 from mcstudy.stance.joint import changed, members
 from mcstudy.stance.rules import Rules
-from mcstudy.text_tables import fill
+from mcstudy.text_tables import fill, similar
 
 
 class Library(Mapping[str, Effect]):
@@ -113,7 +113,8 @@ def effect(name: str, library: Library = LIBRARY) -> Effect:
     try:
         return library[name]
     except KeyError:
-        raise InputError(f"unknown effect {name!r}; the library has {', '.join(library)}") from None
+        near = similar(name, library)
+        raise InputError(f"unknown effect {name!r}{near}; the library has {', '.join(library)}") from None
 
 
 def library_of(model: Model) -> Library:

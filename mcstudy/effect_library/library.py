@@ -20,7 +20,7 @@ from mcstudy.effect_library.generic import generic_effects, own_angles
 from mcstudy.errors import InputError
 from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model, Parameter
-from mcstudy.stance.joint import changed
+from mcstudy.stance.joint import changed, members
 from mcstudy.stance.rules import Rules
 from mcstudy.text_tables import fill
 
@@ -126,7 +126,7 @@ def library_of(model: Model) -> Library:
 
 @lru_cache(maxsize=64)
 def _generated(model: Model, known: tuple[Effect, ...]) -> Library:
-    generic = generic_effects(model)
+    generic = generic_effects(members(model)[0] if any(b.lines is not None for b in model.blocks) else model)
     taken = {name for e in (*DECLARATIONS, *generic) for name in (e.name, *e.parameters, *e.nominal_form)}
     registered = (e for e in known if not {e.name, *e.parameters, *e.nominal_form} & taken)
     return Library([*generic, *registered])
@@ -146,6 +146,8 @@ def apply(model: Model, *names: str, opened: Iterable[str] = ()) -> Model:
     Raises `InputError` for an unknown, repeated or nonlinear effect (see `trace`), `ModelError` when the model lacks
     the row an effect acts on.
     """
+    if not names:
+        return model
     library = library_of(model)
     effects = tuple(effect(n, library) for n in names)
     for e in effects:

@@ -57,7 +57,8 @@ def weak_prior(model: Model, base: Model) -> Prior:
     pulled.
     """
     spread = _spreads(base)
-    known = library.library_of(base)
+    # Effects of a declared model are generated, which takes longer than a fit.
+    known = library.library_of(base) if set(model.names) - set(base.names) else library.LIBRARY
     sizes, forms = known.sizes, {f.name: f for e in known.values() for f in e.forms}
     mean, scale = [], []
     for p in model.parameters:

@@ -175,6 +175,24 @@ def test_the_command_writes_what_python_returns(
     assert document["separate"] == ["Wp"]
 
 
+def test_a_file_lists_conditions_with_models_of_their_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for r in (measured("surface", 0.5, 1), measured("scene", 0.2, 2, visual=True)):
+        columns = np.column_stack([r.f, r.y.real, r.y.imag, np.sqrt(r.C[:, 0, 0].real)])
+        np.savetxt(tmp_path / f"{r.name}.csv", columns, delimiter=",", header="f,re_sway,im_sway,sd_sway", comments="")
+        text = f'model = "{r.model.name}"\nfrf = {{file = "{r.name}.csv"}}\n'  # type: ignore[union-attr]
+        (tmp_path / f"{r.name}.toml").write_text(text)
+    sheet = tmp_path / "person.toml"
+    body = '[[condition]]\nname = "surface tilt"\nfiles = ["surface.toml"]\n[[condition]]\nname = "scene"\n'
+    sheet.write_text(f'per = ["tau"]\n{body}files = ["scene.toml"]\n')
+    assert main(["fit", "--conditions", str(sheet)]) == Exit.DONE
+    shown = capsys.readouterr().out
+    assert "surface tilt | scene: one person, 50 lines" in shown
+    assert "tau, surface tilt" in shown
+    sheet.write_text(f"{body}filse = []\n")
+    assert main(["fit", "--conditions", str(sheet)]) == Exit.BAD_INPUT
+    assert f"{sheet}: condition.1.filse" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "line"),
     [

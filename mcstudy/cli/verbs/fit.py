@@ -90,6 +90,12 @@ def _condition_arguments(parser: Parser) -> None:
         help="parameters that all conditions share, as in `--shared Kp,Kd`, or all; without --per all others have a "
         "value in each condition",
     )
+    group.add_argument(
+        "--conditions",
+        type=Path,
+        metavar="FILE",
+        help="a .toml that lists the recordings of each condition, and what is shared, instead of REC",
+    )
     group.add_argument("--details", action="store_true", help="also print all that is said of the fit of one recording")
 
 
@@ -128,7 +134,7 @@ def main(args: argparse.Namespace) -> Exit:
         if args.html:
             raise InputError("--html: expected recordings of one person, not --people or --group")
         return _group(args)
-    if args.per or args.shared:
+    if args.per or args.shared or args.conditions:
         return _conditions(args)
     return _one_person(args)
 
@@ -166,19 +172,28 @@ def _condition_settings(args: argparse.Namespace) -> ConditionSettings:
 def _conditions(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.identification.conditions.fit import fit_conditions, names_of
+    from mcstudy.identification.conditions.settings import ConditionSettings
+    from mcstudy.identification.conditions.sheet import ConditionsSheet
     from mcstudy.results.conditions import ConditionsResult
     from mcstudy.scheduler.activity import activity
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
     from mcstudy.text_tables import folded
 
-    _require(args)
     if args.html:
         raise InputError("--html: expected a fit of one condition")
-    settings = _condition_settings(args)
-    read = read_recordings(args)
+    if args.conditions:
+        sheet = ConditionsSheet.read(args.conditions)
+        read, names = sheet.recordings(args.conditions.parent, args.data)
+        if args.recordings or args.per or args.shared:
+            raise InputError(f"{args.conditions}: expected neither REC, --per nor --shared beside --conditions")
+        settings = ConditionSettings(per=sheet.per, shared=sheet.shared, **_given(args))
+    else:
+        _require(args)
+        settings, read = _condition_settings(args), read_recordings(args)
+        names = names_of(read, args.recordings)
     compile_kernels(PERSON)
     with activity(f"{len(read)} recordings: fitting"), with_names(args):
-        result = ConditionsResult.of(fit_conditions(read, settings, names_of(read, args.recordings)))
+        result = ConditionsResult.of(fit_conditions(read, settings, names))
     tell(args, "conditions", result.to_dict, lambda: folded(result.text(details=args.details)))
     return Exit.DONE
 

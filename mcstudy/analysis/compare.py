@@ -96,8 +96,11 @@ class Comparison:
 
 
 def comparisons(study: StudyView) -> list[Comparison]:
-    """Comparisons of all groups that differ in a setting from the study's reference and share cells with it."""
-    noisy = [g for g in study.groups.values() if g.noisy]
+    """Comparisons of all groups that differ in a setting from the study's reference and share cells with it.
+
+    Cells of a sweep are compared along its axes instead.
+    """
+    noisy = [g for g in study.groups.values() if g.noisy and g.group.cell is None]
     if len(noisy) < 2:
         return []
     reference = next((g for g in noisy if not g.differences), noisy[0])

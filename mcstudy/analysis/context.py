@@ -17,7 +17,7 @@ from mcstudy.stance.joint import members
 from mcstudy.study.cube.conversion import structured
 from mcstudy.study.design import Group
 from mcstudy.study.measure import kept_points, stimulus
-from mcstudy.study.models import build_model
+from mcstudy.study.models import build_model, simulated_model
 
 DESIGN = "design"
 """Attribute of a group that holds its resolved design."""
@@ -73,7 +73,7 @@ def covariance_of(data: xr.Dataset) -> xr.DataArray:
     group = group_of(data)
     if group.simulator == "none" or group.spectra.points != "odd_lines" or group.spectra.ramp != "remove":
         return measured_covariance(data).assign_attrs(source="mean of the stored noise covariances")
-    model, points, s = fitted_model(data), points_of(data), group.stimulus
+    model, points, s = simulated_model(group), points_of(data), group.stimulus
     duration_s = (s.cycles - s.discard) * points.period_s
     under = members(model)
     covariance = np.zeros(

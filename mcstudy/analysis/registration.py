@@ -6,7 +6,7 @@ Whatever hands over results imports this. For a file that xarray itself has open
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
@@ -19,7 +19,7 @@ def of_dataset(data: xr.Dataset) -> MonteCarlo:
     """``dataset.mc``."""
     from mcstudy.analysis.accessor import MonteCarlo
 
-    return MonteCarlo(data)
+    return _of_sweep(data) if "cells" in data.attrs else MonteCarlo(data)
 
 
 @xr.register_datatree_accessor("mc")
@@ -27,4 +27,10 @@ def of_node(node: xr.DataTree) -> MonteCarlo:
     """``tree["accuracy"].mc``."""
     from mcstudy.analysis.accessor import MonteCarloOfNode
 
-    return MonteCarloOfNode(node)
+    return _of_sweep(node.to_dataset()) if "cells" in node.attrs else MonteCarloOfNode(node)
+
+
+def _of_sweep(data: xr.Dataset) -> Any:
+    from mcstudy.analysis.sweep_accessor import MonteCarloOfSweep
+
+    return MonteCarloOfSweep(data)

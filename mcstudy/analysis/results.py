@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 import mcstudy.analysis.registration  # noqa: F401 - results open with their .mc methods
+from mcstudy.analysis.sweeps import together
 from mcstudy.errors import StoreError
 from mcstudy.files.local_path import local_path
 from mcstudy.files.plain_errors import short
@@ -94,7 +95,7 @@ def _open(path: Path, lazy: bool | None) -> xr.DataTree:
         _check_constants(store, data)
         # the seed too, which only the root holds: it tells which groups of other cubes have the same noise
         groups[name] = readable(data[list(root[name].data_vars)]).assign_attrs(seed=cube.study.study.seed)
-    tree = xr.DataTree.from_dict(groups)
+    tree = xr.DataTree.from_dict(together(groups))
     tree.attrs.update(text_attributes(root.attrs))
     return tree
 

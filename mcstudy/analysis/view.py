@@ -14,6 +14,7 @@ from mcstudy.analysis.efficiency import bounds_on_sd
 from mcstudy.analysis.search.convergence import starts_needed
 from mcstudy.analysis.selection import ERROR, best, outcomes, realizations
 from mcstudy.analysis.slabs import in_slabs, summed
+from mcstudy.analysis.sweeps import alone, cells_of
 from mcstudy.errors import InputError
 from mcstudy.files.sections import leaves
 from mcstudy.fitting.standard_errors import overlap_of
@@ -21,7 +22,7 @@ from mcstudy.models.quantities import quantities
 from mcstudy.stance.feedback import Model
 from mcstudy.study.design import FITTED, Group
 from mcstudy.study.instability import instability
-from mcstudy.study.models import with_model_values
+from mcstudy.study.models import simulated_model, with_model_values
 
 _NEEDED = (
     "estimate",
@@ -41,10 +42,10 @@ class GroupView:
     """One group: the cube (lazy), and its best fits (in memory: they are smaller by the number of starts)."""
 
     def __init__(self, name: str, cube: xr.Dataset) -> None:
-        self.name, self.cube = name, cube
-        self.group: Group = group_of(cube)
-        self.model: Model = model_of(cube)
-        self.provenance = provenance_of(cube)
+        self.name, self.cube = name, alone(cube)
+        self.group: Group = group_of(self.cube)
+        self.model: Model = model_of(self.cube)
+        self.provenance = provenance_of(self.cube)
 
     @cached_property
     def cells(self) -> xr.Dataset:
@@ -102,9 +103,14 @@ class GroupView:
         return covariance if bool(np.isfinite(covariance).all()) else None
 
     @cached_property
+    def simulated(self) -> Model:
+        """The model of the body that was simulated: `model`, unless the study gives it effects of its own."""
+        return simulated_model(self.group)
+
+    @cached_property
     def instability(self) -> str:
         """Growth rate of an unstable true body as text; empty for a stable one."""
-        return instability(self.model)
+        return instability(self.simulated)
 
     @property
     def noisy(self) -> bool:
@@ -141,7 +147,7 @@ class GroupView:
             """Noise of the recording stands in designs that have some; other fields that stand in few are left out."""
             if field in theirs:
                 return bool(theirs[field] != value)
-            return field.startswith("noise.measurement.") and bool(value)
+            return field.startswith(("noise.measurement.", "effects.truth.")) and bool(value)
 
         return [f"{field} = {value}" for field, value in ours.items() if differs(field, value)]
 
@@ -176,4 +182,6 @@ class StudyView:
 
     def __init__(self, tree: xr.DataTree) -> None:
         self.attributes = dict(tree.attrs)
-        self.groups = {name: GroupView(name, node.to_dataset()) for name, node in tree.children.items()}
+        groups = {name: node.to_dataset() for name, node in tree.children.items()}
+        apart = {name: cells_of(data) or {name: data} for name, data in groups.items()}
+        self.groups = {name: GroupView(name, data) for cells in apart.values() for name, data in cells.items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Unpack
 
@@ -18,6 +18,7 @@ from mcstudy.report.page import page
 from mcstudy.study.cube.rounding import TOLERANCE
 from mcstudy.study.extend import Growth
 from mcstudy.study.extend import extend as extend_cube
+from mcstudy.study.group import Label
 from mcstudy.study.replay import Replay
 from mcstudy.study.replay import replay as replay_fit
 from mcstudy.study.verify import Findings
@@ -60,6 +61,7 @@ def extend(
     fmax: tuple[float, ...] = (),
     amplitude: tuple[float, ...] = (),
     groups: tuple[str, ...] = (),
+    sweep: Mapping[str, Sequence[Label]] | None = None,
     **where: Unpack[Where],
 ) -> xr.DataTree:
     """Add cells to a cube, run the new ones only, and open it; a stop leaves the old or the new cube, and resumes.
@@ -73,7 +75,9 @@ def extend(
     fmax, amplitude
         Values to add, Hz and the unit of the stimulus.
     groups
-        Names of the groups to extend; all when empty.
+        Names of the groups or sweeps to extend; all when empty.
+    sweep
+        Values to add to axes of sweeps, by the name of the axis.
     where
         Where to run, as in `run`.
 
@@ -91,7 +95,8 @@ def extend(
     Interrupted
         The run was stopped; the same call resumes it.
     """
-    growth = Growth(realizations, starts, tuple(fmax), tuple(amplitude), tuple(groups))
+    further = tuple((axis, tuple(labels)) for axis, labels in (sweep or {}).items())
+    growth = Growth(realizations, starts, tuple(fmax), tuple(amplitude), tuple(groups), further)
     extend_cube(cube, growth, cluster_options(where), where.get("block"))
     return open_results(cube, lazy=None)
 

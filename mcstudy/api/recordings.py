@@ -153,6 +153,7 @@ def fit(
     quantities: Sequence[str] | Mapping[str, Any] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: float = 0.95,
+    causes: bool | None = None,
     model: ModelLike | None = None,
     fmax: float | None = None,
     discard: int | None = None,
@@ -176,6 +177,9 @@ def fit(
         typical of the recording's body, delays between 0.01 and 0.3 s.
     level
         Level of the intervals.
+    causes
+        Whether parameters are also averaged over the causes of the diagnosis (``result.averaged``). None: where there
+        is a gap and no effect is added.
     model
         A `Model`, a name or the file of one; the two-segment model of the recording's body when None. The outputs of a
         declared model are found in the recording by name, and its parameters have its bounds. None under several
@@ -209,6 +213,7 @@ def fit(
         quantities=quantities,
         bounds=bounds,
         level=level,
+        causes=causes,
         model=model if isinstance(model, Model) else None,
         fmax=fmax,
         discard=discard,

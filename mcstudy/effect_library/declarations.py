@@ -702,6 +702,7 @@ DECLARATIONS: tuple[Effect, ...] = (
         kind="nonlinear",
         contrast="amplitude",
         gain_sign=1,  # small sway stays below the threshold, so the gain grows with amplitude
+        unvaried="large",
         rule=_dead_zone,
         scatters=True,
     ),
@@ -770,6 +771,7 @@ DECLARATIONS: tuple[Effect, ...] = (
         kind="nonlinear",
         contrast="amplitude",
         gain_sign=-1,
+        unvaried="small",
         rule=_saturation,
         scatters=True,
     ),

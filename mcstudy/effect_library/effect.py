@@ -195,6 +195,9 @@ class Effect:
     gain_sign
         Sign of the change of the active gains, from the lower to the higher amplitude or from the first to the last
         cycles, for a positive size. Needed with ``contrast``.
+    unvaried
+        Where the active gains are those of the model: at "large" or "small" amplitudes, or at the "middle" of
+        amplitudes or times.
     size_from_gain
         The size from the relative change of the active gains and the two amplitudes compared (0 and 1 for first and
         last cycles); None where it does not follow.
@@ -226,6 +229,7 @@ class Effect:
     order: int = 0
     kind: EffectKind = "linear"
     contrast: ContrastKind | None = None
+    unvaried: Literal["large", "small", "middle"] = "middle"
     gain_sign: Literal[-1, 1] | None = None
     size_from_gain: Callable[[float, tuple[float, float]], float | None] | None = None
     rule: Callable[[Mapping[str, float], TrialSetting], dict[str, Any]] | None = None

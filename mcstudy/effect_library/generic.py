@@ -340,7 +340,7 @@ def _of_stimulus(model: Model, corner: float) -> Iterator[Effect]:
     """Gain, lag and delay of the stimulus; in an equation without inertia also its rate and its integral."""
     yield from _of_terms("stimulus", "", "the stimulus", "stimulus", add.is_stimulus, corner)
     heavy = {j.row for j in joints_of(model)}
-    for row in own_angles(model).keys() - heavy:
+    for row in (r for r in own_angles(model) if r not in heavy):
         if not any(t.row == row and add.is_stimulus(t) and not t.delay for t in model.terms):
             continue
         b = float(np.abs(frf(model, model.truth, np.array([corner / (2 * np.pi)] * max(1, len(model.blocks))))[0, 0]))

@@ -119,9 +119,10 @@ def effect(name: str, library: Library = LIBRARY) -> Effect:
 def library_of(model: Model) -> Library:
     """The effects that a ``model`` without effects may lack: `LIBRARY` for a standing body.
 
-    For any other declared model those that are generated for it, and those that were registered.
+    For any other declared model those that are generated for it, and those that were registered; under several stimuli
+    those for the first, because it is the loop that they change.
     """
-    return LIBRARY if standing(model) else _generated(model, tuple(LIBRARY.values()))
+    return LIBRARY if standing(model) else _generated(members(model)[0], tuple(LIBRARY.values()))
 
 
 @lru_cache(maxsize=64)

@@ -265,6 +265,20 @@ CONVERGED = 1e-6
 """Largest change of an angle between iterations, relative to the sway, that counts as converged."""
 
 
+def substeps_of(model: Model, theta: np.ndarray, rate: float) -> int:
+    """Steps per sample for the lags of sensors and actuators, which may be far shorter than a sample.
+
+    Raises `InputError` for one that is too short for any number of steps.
+    """
+    steps = realise(model, theta).fastest_pole / (COMFORTABLE_STEP * rate)
+    if not steps <= MOST_SUBSTEPS:
+        raise InputError(
+            f"a filter is {steps:.2g} times too fast for {rate:g} Hz; expected at most {MOST_SUBSTEPS}: give its lag "
+            "a larger size, or 0"
+        )
+    return max(1, math.ceil(steps))
+
+
 def _with_torque(
     model: Model,
     theta: np.ndarray,
@@ -275,14 +289,7 @@ def _with_torque(
     torque: Torque | None,
 ) -> Sway:
     """One trial; an additional torque that follows from the sway is found by damped fixed-point iteration."""
-    # Lags of sensors and actuators may be far shorter than a sample, so substeps are used instead of an error.
-    steps = realise(model, theta).fastest_pole / (COMFORTABLE_STEP * rate)
-    if not steps <= MOST_SUBSTEPS:
-        raise InputError(
-            f"a filter is {steps:.2g} times too fast for {rate:g} Hz; expected at most {MOST_SUBSTEPS}: give its lag "
-            "a larger size, or 0"
-        )
-    substeps = max(1, math.ceil(steps))
+    substeps = substeps_of(model, theta, rate)
     sway = simulate(model, theta, stimulus, rate, noise=noise, rules=rules, substeps=substeps)
     if torque is None:
         return sway

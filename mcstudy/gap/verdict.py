@@ -31,6 +31,9 @@ FAR = 2.0
 ON_BOUNDS = 2
 """Number of parameters on bounds from which the fit is said to describe no body."""
 
+MOVED, NAMED = 1.0, 3
+"""Standard errors from which a parameter has moved, and the most that are named."""
+
 SHARED = 0.25
 """Probability from which a location is named, if those named have more than half of it together."""
 
@@ -123,6 +126,7 @@ def sentences(d: DiagnosisRecord) -> list[str]:
     if len(d.detection.parts) > 1:
         parts.append(told(part_labels(d.recording, len(d.detection.parts)), d.detection.parts))
     parts += [answer.sentence() for answer in d.answers]
+    parts.append(moved(d))
     parts += [f"Note: {w}." for w in d.warnings]
     return [part for part in parts if part]
 
@@ -186,6 +190,22 @@ def sway(d: DiagnosisRecord) -> str:
             f"{what} Predicted {motion(d)} is then within noise; this error is too coarse to show the rest of the gap."
         )
     return f"{what} Predicted {motion(d)} is then as good as noise allows."
+
+
+def moved(d: DiagnosisRecord) -> str:
+    """What leaving out the leading cause does to the parameters; empty without a gap in the mean response."""
+    if not d.detected or d.leading is None or d.added is None or d.leading.advice:
+        return ""
+    sized = [((s.added - s.without) / s.without_se, s) for s in d.shifts if s.added is not None and s.without_se > 0]
+    far = sorted((x for x in sized if abs(x[0]) >= MOVED), key=lambda x: -abs(x[0]))
+    if not far:
+        return f"Without {effects_of(d.leading)} no parameter moves by more than its standard error."
+    told = [f"{s.name} {number(s.without)} instead of {number(s.added)} {s.unit}".rstrip() for _, s in far[:NAMED]]
+    more = f", and {len(far) - NAMED} more move by more than their standard error" if len(far) > NAMED else ""
+    return (
+        f"Without {effects_of(d.leading)} a fit finds {', '.join(told)}{more}; `mcstudy fit` averages parameters over "
+        "the causes."
+    )
 
 
 def not_a_body(d: DiagnosisRecord) -> str:

@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mcstudy.errors import RecordingError
+from mcstudy.gap.questions.any_gap import GapTest
+from mcstudy.gap.questions.detection import LEVEL
+from mcstudy.identification.averaged import averaged
+from mcstudy.identification.averaged_record import Averaged
 from mcstudy.identification.belief import gap_found, with_effects
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.forecast import forecasts
@@ -53,7 +57,14 @@ def assessed(fitted: FitRecord, checked: CheckedRecording, base: Model, settings
         comparison=comparison,
         paper=paper_estimate(f.model, base, lines, seed) if body else None,
         coverage=nearest(f.recording, lines, f.model, f.level) if body else None,
+        averaged=_averaged(f, test, checked.nominal, settings),
     )
+
+
+def _averaged(f: FitRecord, test: GapTest, nominal: Model, settings: FitSettings) -> Averaged | None:
+    """Parameters averaged over causes where that is wanted, or by default where there is a gap."""
+    wanted = test.p_value < LEVEL and not settings.effects if settings.causes is None else settings.causes
+    return averaged(test, f, nominal, settings) if wanted else None
 
 
 def _higher(checked: CheckedRecording) -> Lines | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mcstudy.files import schema
 from mcstudy.files.json_files import named, plain
+from mcstudy.identification.averaged_record import Averaged
 from mcstudy.identification.belief import GapFound, WithEffects
 from mcstudy.identification.estimate import BANDS_HZ, Estimate
 from mcstudy.identification.forecast import Forecast
@@ -79,6 +80,8 @@ class FitRecord:
         (P,), estimates under the cost of Goodworth & Peterka (2018), for comparison; None without a period.
     part_fits
         Goodness of fit of each recording of a joint set (`PartFit`); empty for a single recording.
+    averaged
+        The quantities averaged over causes (`Averaged`); None where there is no gap, or if not wanted.
     coverage
         How often intervals of similar simulated recordings hold the truth (`Coverage`); None where none were simulated.
     """
@@ -108,6 +111,7 @@ class FitRecord:
     paper: np.ndarray | None = None
     part_fits: tuple[PartFit, ...] = ()
     coverage: Coverage | None = None
+    averaged: Averaged | None = None
 
     @property
     def parts(self) -> tuple[Self, ...]:
@@ -212,6 +216,7 @@ class FitRecord:
                 "sway": self.sway and self.sway.to_dict(),
                 "coverage": self.coverage and self.coverage.to_dict(),
                 **named(self, "gap", "comparison", "warnings"),
+                **({} if self.averaged is None else {"averaged": self.averaged.to_dict()}),
                 "method": self.method.to_dict(),
                 **parts_dict(self.labels, self.part_fits),
             }

@@ -136,6 +136,18 @@ def search(fitter: Fitter, data: Data, seed: int, least: int = 0) -> Minima:
     return Minima(theta[best], chi2[best], information[best], hits, waterfall.size, found, waterfall, linear)
 
 
+def from_starts(fitter: Fitter, data: Data, starts: np.ndarray) -> Minima:
+    """Minima at which fits from given ``starts`` (S, P) end, those of a body that stands if there are such."""
+    model = fitter.model
+    fits = _converged(fitter, data, np.clip(starts, model.lower, model.upper))
+    chi2, best, hits = _minima([fits], 0)
+    found = best.size
+    stood = standing(growth_rate(model, fits.estimate[best]) < 0, chi2[best], 2 * model.n_outputs * len(data.f))
+    if stood.any():
+        best, hits = best[stood], hits[stood]
+    return Minima(fits.estimate[best], chi2[best], fits.information[best], hits, len(starts), found, np.sort(chi2))
+
+
 def _minima(fits: list[PenalisedFits], begun: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Deviances of all fits, and `distinct` of them; the first ``begun`` are not from random starts."""
     chi2 = np.concatenate([f.chi2 for f in fits])

@@ -25,22 +25,28 @@ class FitSettings(LineSettings):
         Bounds of parameters by name, in their unit.
     level
         Level of the intervals.
+    causes
+        Whether parameters are averaged over the causes of the diagnosis (`mcstudy.identification.averaged`). None:
+        where there is a gap and no effect is added.
 
     Raises
     ------
     InputError
-        ``level`` is not between 0.5 and 1.
+        ``level`` is not between 0.5 and 1, or ``causes`` is true and effects are added.
     """
 
     effects: Sequence[str] = ()
     quantities: Sequence[str] | Mapping[str, Any] = ()
     bounds: Mapping[str, tuple[float, float]] | None = None
     level: float = 0.95
+    causes: bool | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0.5 <= self.level < 1:
             raise InputError(f"level: expected a number from 0.5 to below 1, got {self.level!r}")
+        if self.causes and self.effects:
+            raise InputError(f"causes: expected no added effects, got {', '.join(self.effects)}; the average has all")
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,13 @@ import numpy as np
 from mcstudy.fitting.status import WANTED
 from mcstudy.gap import verdict
 from mcstudy.gap.questions.detection import LEVEL
+from mcstudy.identification import averaged_words
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.minimum import SEARCHES, TOLD
 from mcstudy.identification.tables import estimates, help_needed, relative
 from mcstudy.identification.trades import Combination, Valley
 from mcstudy.lines.part_fits import told
-from mcstudy.text_tables import ends, number, p_words, with_error
+from mcstudy.text_tables import ends, fill, number, p_words, with_error
 
 CORRELATED = 0.9
 """Correlation of errors from which a pair is named."""
@@ -46,6 +47,9 @@ def text(r: FitRecord) -> str:
     """Tables, then sentences."""
     tables = [t.text() for t in (estimates(r), help_needed(r)) if t is not None]
     heading = f"{r.name}: {len(r.lines)} {r.lines.unit}s up to {r.lines.f.max():.3g} Hz"
+    if r.averaged is not None:
+        tables[:0] = [fill(averaged_words.finding(r.averaged)), averaged_words.table(r.averaged, r.level).text()]
+        tables[2] = f"Of the model as it is:\n\n{tables[2]}"
     return "\n\n".join([heading, *tables, "\n".join(sentences(r))])
 
 

@@ -16,9 +16,11 @@ from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES, Range
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.stance.simulate_spectral import sway_psd
 from mcstudy.study.cube.layout import realizations_a_chunk
-from mcstudy.study.group import GAIN_BOUND, HIGHEST_HZ, UNTIL_CERTAIN, Group
+from mcstudy.study.detectability import written_out
+from mcstudy.study.effects import check_effects
+from mcstudy.study.group import GAIN_BOUND, HIGHEST_HZ, UNTIL_CERTAIN, EffectsSection, Group
 from mcstudy.study.measure import frequency_points, kept_points, stimulus
-from mcstudy.study.models import build_model
+from mcstudy.study.models import build_model, simulated_model
 
 MAX_FREQUENCIES = 4000
 """Largest number of frequency points; a cycle of the longest sequence at 20 ms per state has 1600 odd lines to 8 Hz."""
@@ -37,6 +39,21 @@ SMALLEST_SHARE = 1e-12
 
 MAX_CHUNKS = 1_000_000
 """Largest number of chunks of a group; with the largest default chunks this is 5e9 fits."""
+
+
+def checked(group: Group) -> Group:
+    """The group with sizes of effects as numbers; `DesignError`, which starts with the field, for the first mistake."""
+    if group.effects == EffectsSection():
+        check_group(group)
+        return group
+    plain = group.model_copy(update={"effects": EffectsSection()})
+    check_group(plain)  # the size with a wanted detectability needs a sound group
+    base = build_model(plain)
+    check_effects(group, base)
+    whole = group.model_copy(update={"effects": written_out(group, base)})
+    simulated_model(whole)
+    check_group(whole)
+    return whole
 
 
 def check_group(group: Group) -> None:

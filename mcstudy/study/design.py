@@ -19,7 +19,7 @@ from mcstudy.files.plain_errors import shown, validated
 from mcstudy.files.sections import Name, Positive, Section
 from mcstudy.files.toml_files import toml_lines
 from mcstudy.models.catalogue import spelled_out
-from mcstudy.study.checks import check_group
+from mcstudy.study.checks import checked
 from mcstudy.study.group import (
     FITTED,
     SECTIONS,
@@ -34,6 +34,7 @@ from mcstudy.study.group import (
     StudySection,
 )
 from mcstudy.study.models import with_model_values
+from mcstudy.study.sweep import expanded
 from mcstudy.text_tables import Table, counted
 
 __all__ = [
@@ -75,7 +76,7 @@ class Study(Section):
     """
 
     study: StudySection
-    groups: dict[Name, Group] = Field(alias="group", min_length=1, max_length=200)
+    groups: dict[Name, Group] = Field(alias="group", min_length=1, max_length=1000)
 
     @classmethod
     def from_python(cls, name: str | None = None, /, **fields: Any) -> Any:
@@ -94,23 +95,27 @@ class Study(Section):
         **fields
             Those of a ``[group.NAME]`` table of a study file: ``realizations``, ``starts`` (a number, or
             ``"until certain"`` with ``most_starts``), ``fmax`` (list, Hz), ``amplitude`` (list, N m or m),
-            ``simulator``, and the sections ``model``, ``stimulus``, ``noise``, ``spectra``, ``fit`` and ``store`` as
-            dicts; ``model`` may also be a `Model`, a name of ``mcstudy models``, or the path of a model file.
+            ``simulator``, and the sections ``model``, ``stimulus``, ``noise``, ``spectra``, ``fit``, ``effects`` and
+            ``store`` as dicts; ``sweep``, a dict of settings that become axes, with a group for each combination of
+            their values; ``model`` may also be a `Model`, a name of ``mcstudy models``, or the path of a model
+            file.
 
         Raises
         ------
         DesignError
             The name is taken, or a field is not allowed.
         """
-        if name in self.groups:
-            raise DesignError(f"group.{name}: the study already has a group of this name")
-        if "model" in fields:
-            try:
-                fields = {**fields, "model": spelled_out(fields["model"])}
-            except DesignError as error:
-                raise DesignError(f"group.{shown(name)}.model: {error}") from None
-        validated(Group, fields, f"group.{shown(name)}")
-        return Study(study=self.study, group={**self.groups, name: fields})
+        cells = expanded(name, fields)
+        if taken := cells.keys() & self.groups.keys():
+            raise DesignError(f"group.{min(taken)}: the study already has a group of this name")
+        for cell, own in cells.items():
+            if "model" in own:
+                try:
+                    own["model"] = spelled_out(own["model"])
+                except DesignError as error:
+                    raise DesignError(f"group.{shown(cell)}.model: {error}") from None
+            validated(Group, own, f"group.{shown(cell)}")
+        return Study(study=self.study, group={**self.groups, **cells})
 
     @model_validator(mode="after")
     def _resolved(self) -> Study:
@@ -118,8 +123,7 @@ class Study(Section):
         groups = {}
         for name, group in self.groups.items():
             try:
-                check_group(group)
-                groups[name] = with_model_values(group)
+                groups[name] = with_model_values(checked(group))
             except DesignError as error:
                 raise DesignError(f"group.{name}.{error}") from None
         return self.model_copy(update={"groups": groups})

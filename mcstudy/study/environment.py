@@ -45,6 +45,7 @@ SETTINGS = (
 
 LAYERS = (
     "compiling",
+    "effect_library",
     "expressions.py",
     "files",
     "fitting",

@@ -13,8 +13,9 @@ from mcstudy.stance.response import frf
 from mcstudy.streams import start_stream
 from mcstudy.study.cube.layout import Layout, layout
 from mcstudy.study.design import Group
+from mcstudy.study.group import EffectsSection
 from mcstudy.study.measure import Measurement, kept_points, measuring
-from mcstudy.study.models import build_model
+from mcstudy.study.models import build_model, simulated_model
 
 if TYPE_CHECKING:
     from mcstudy.fitting.problem import Problem
@@ -38,8 +39,9 @@ class Experiment:
         self.points = {fmax: stimuli * len(self.bands.below(fmax)) for fmax in group.fmax}
         """Frequencies up to each Fmax of the group, every point once for each stimulus."""
         self.n_frequencies = tuple(self.points[fmax] for fmax in group.fmax)
-        self.true_frf = frf(self.model, self.model.truth, self.f)
-        self.measure = measuring(group, self.model, self.bands, seed)
+        body = self.model if group.effects == EffectsSection() else simulated_model(group)
+        self.true_frf = frf(body, body.truth, self.f)
+        self.measure = measuring(group, body, self.bands, seed)
 
     def layout(self, depth: int) -> Layout:
         """The arrays of the group in a cube, with ``depth`` realizations a chunk."""

@@ -75,7 +75,8 @@ def grow(old: Cube, growth: Growth) -> Cube:
     new = _begin(building, study, old)
     try:
         for name, store in new.groups.items():
-            source = old.groups[name]
+            if (source := old.groups.get(name)) is None:  # a further cell of a sweep
+                continue
             for chunk in store.layout.chunks:
                 match store.state(chunk):
                     case ChunkState.BROKEN:

@@ -63,6 +63,7 @@ DELAY_MARGIN = Range(1e-9, 10.0, "s")
 STATE = Range(1e-6, 1e6, "s")
 LINE_WEIGHT = Range(1e-12, 1e12)
 PHASE = Range(1e-12, 360.0, "deg", or_zero=True, signed=True)
+EFFECT = Range(1e-12, 1e6, or_zero=True, signed=True)
 
 
 def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -397,6 +398,24 @@ class FitSection(Section):
         return {name: value for name, value in dump(self).items() if name not in unused}
 
 
+class EffectsSection(Section):
+    """Effects of the library (``mcstudy gap effects``) of the body that is simulated and of the model that is fitted.
+
+    ``truth``: by the name of the effect its size, or a table of its parameters, or of its detectability ``delta`` at
+    the largest amplitude and Fmax. ``fit``: names of those that the fitted model has; what is in ``truth`` and not
+    here is missing from it. ``reference_amplitude``: at which an effect that depends on the amplitude vanishes, the
+    geometric mean of the amplitudes by default.
+    """
+
+    truth: dict[str, Annotated[float, EFFECT] | dict[str, Annotated[float, EFFECT]]] = Field(default={})
+    fit: Annotated[tuple[str, ...], Field(max_length=20)] = ()
+    reference_amplitude: Annotated[float, AMPLITUDE] | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_reference(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(self, dump(self), ("reference_amplitude",))
+
+
 class StoreSection(Section):
     """What the cube holds besides the fits.
 
@@ -404,6 +423,21 @@ class StoreSection(Section):
     """
 
     standard_errors: bool = False
+
+
+Label = str | int | float | bool
+"""Where a cell of a sweep lies on an axis."""
+
+
+class CellSection(Section):
+    """Where a group lies among those of a sweep (`mcstudy.study.sweep`).
+
+    ``sweep``: its name. ``at``: the label on every axis. ``setting``: what each axis sets, empty for several settings.
+    """
+
+    sweep: Name
+    at: dict[str, Label] = Field(min_length=1)
+    setting: dict[str, str]
 
 
 UNTIL_CERTAIN = "until certain"
@@ -438,7 +472,9 @@ class Group(Section):
     noise: NoiseSection = NoiseSection()
     spectra: SpectraSection = SpectraSection()
     fit: FitSection = FitSection()
+    effects: EffectsSection = EffectsSection()
     store: StoreSection = StoreSection()
+    cell: CellSection | None = None
 
     @field_validator("starts", mode="wrap")
     @classmethod
@@ -466,7 +502,7 @@ class Group(Section):
     @model_serializer(mode="wrap")
     def _as_in_a_file(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """What is not used has no place in the design, so that its fingerprint is that of older studies without it."""
-        plain = without_defaults(self, dump(self), ("store",))
+        plain = without_defaults(self, dump(self), ("effects", "store", "cell"))
         if self.model.declared:  # its terms say what the stimulus moves
             plain["stimulus"].pop("kind", None)
         if self.until_certain:
@@ -508,7 +544,7 @@ class Group(Section):
         return self.simulator != "none" and not self.noise.none
 
 
-FITTED = ("model", "stimulus", "noise", "spectra", "fit")
+FITTED = ("model", "stimulus", "noise", "spectra", "fit", "effects")
 """Sections on which data and fits depend."""
 
 SECTIONS = (*FITTED, "store")

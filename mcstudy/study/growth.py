@@ -1,15 +1,20 @@
-"""Extensions of a study by realizations, starts, Fmax values or amplitudes, and the commands that make them."""
+"""Extensions of a study by realizations, starts, Fmax, amplitudes or values of a sweep, and commands that make them."""
 
 from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from mcstudy.errors import DesignError
+from mcstudy.files.plain_errors import validated
 from mcstudy.study.design import Group, Study
+from mcstudy.study.group import Label
 from mcstudy.study.study_file import parse_study
+from mcstudy.study.sweep import moved
+from mcstudy.text_tables import similar
 
 
 @dataclass(frozen=True)
@@ -20,7 +25,8 @@ class Growth:
     ----------
     realizations, starts: new totals; None leaves them unchanged.
     fmax (Hz), amplitude (units of the stimulus): values to add; existing values change nothing.
-    groups: names of the groups to extend; empty for all.
+    groups: names of the groups or sweeps to extend; empty for all.
+    sweep: labels to add to axes of sweeps, by the name of the axis.
     """
 
     realizations: int | None = None
@@ -28,6 +34,7 @@ class Growth:
     fmax: tuple[float, ...] = ()
     amplitude: tuple[float, ...] = ()
     groups: tuple[str, ...] = ()
+    sweep: tuple[tuple[str, tuple[Label, ...]], ...] = ()
 
     def command(self, out: Path) -> str:
         """The command that extends the cube ``out`` accordingly."""
@@ -39,18 +46,37 @@ class Growth:
             values = getattr(self, name)
             words += [f"--{name}", *map(str, values)] if values else []
         words += [word for group in self.groups for word in ("--group", group)]
+        words += [word for axis, labels in self.sweep for word in ("--sweep", f"{axis}={','.join(map(str, labels))}")]
         return shlex.join(words)
 
 
 def grown_study(study: Study, growth: Growth) -> Study:
     """The larger study; raises `DesignError` if the extension is impossible or the result is no valid study."""
+    known = {name: g.cell.sweep if g.cell else name for name, g in study.groups.items()}
     for name in growth.groups:
-        if name not in study.groups:
-            raise DesignError(f"group: expected one of {', '.join(study.groups)}, got {name}")
-    names = growth.groups or tuple(study.groups)
+        if name not in (*known, *known.values()):
+            raise DesignError(f"group: expected one of {', '.join(dict.fromkeys(known.values()))}, got {name}")
+    names = [name for name, sweep in known.items() if not growth.groups or {name, sweep} & set(growth.groups)]
     groups = {name: _grown(f"group.{name}", g, growth) if name in names else g for name, g in study.groups.items()}
+    for axis, labels in growth.sweep:
+        groups |= _further(axis, labels, {name: groups[name] for name in groups if name in names or name not in known})
     # By way of the text of a study file, so that validity is decided in one place.
     return parse_study(study.model_copy(update={"groups": groups}).to_toml())
+
+
+def _further(axis: str, labels: Iterable[Label], groups: Mapping[str, Group]) -> dict[str, Group]:
+    """The cells that further labels on an axis add to the sweeps among ``groups``."""
+    cells = [g for g in groups.values() if g.cell is not None]
+    if not any(g.cell and axis in g.cell.at for g in cells):
+        axes = dict.fromkeys(a for g in cells if g.cell for a in g.cell.at)
+        near = f"{similar(axis, axes)}, expected one of {', '.join(axes)}" if axes else "; the study has no sweep"
+        raise DesignError(f"sweep.{axis}: unknown axis{near}")
+    added: dict[str, Group] = {}
+    for cell in cells:
+        if cell.cell and axis in cell.cell.at:
+            made = (moved(cell, axis, label) for label in labels)
+            added |= {name: validated(Group, own, f"group.{name}") for name, own in made if name not in groups}
+    return added
 
 
 def _grown(where: str, group: Group, growth: Growth) -> Group:
@@ -73,13 +99,28 @@ def _grown(where: str, group: Group, growth: Growth) -> Group:
     return group.model_copy(update={**totals, **merged})
 
 
+def _further_labels(small: Study, large: Study) -> tuple[tuple[str, tuple[Label, ...]], ...]:
+    """Labels by axis that the sweeps of ``large`` have and those of ``small`` do not."""
+    held, wanted = map(_labels, (small, large))
+    found = ((axis, tuple(x for x in labels if x not in held[axis])) for axis, labels in wanted.items() if axis in held)
+    return tuple((axis, labels) for axis, labels in found if labels)
+
+
+def _labels(study: Study) -> dict[str, dict[Label, None]]:
+    out: dict[str, dict[Label, None]] = {}
+    for group in study.groups.values():
+        for axis, label in group.cell.at.items() if group.cell else ():
+            out.setdefault(axis, {})[label] = None
+    return out
+
+
 def growths(small: Study, large: Study) -> list[Growth] | None:
     """Extensions that turn ``small`` into ``large``; None when no possible extension does."""
     by_group = []
     for name, new in large.groups.items():
         old = small.groups.get(name)
         if old is None:
-            return None
+            continue
         growth = Growth(
             new.realizations if new.realizations != old.realizations else None,
             new.starts if new.starts != old.starts else None,
@@ -88,6 +129,7 @@ def growths(small: Study, large: Study) -> list[Growth] | None:
         )
         if growth != Growth():
             by_group.append((name, growth))
+    further = _further_labels(small, large)
     alike = {growth for _, growth in by_group}
     if len(alike) == 1 and len(by_group) == len(large.groups):
         steps = list(alike)
@@ -96,6 +138,7 @@ def growths(small: Study, large: Study) -> list[Growth] | None:
             Growth(g.realizations, g.starts, g.fmax, g.amplitude, tuple(n for n, growth in by_group if growth == g))
             for g in dict.fromkeys(growth for _, growth in by_group)
         ]
+    steps += [Growth(sweep=further)] if further else []
     study = small
     try:
         for step in steps:

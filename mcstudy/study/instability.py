@@ -11,7 +11,7 @@ from mcstudy.errors import DesignError
 from mcstudy.stance.feedback import Model
 from mcstudy.stance.stability import growth_rate
 from mcstudy.study.design import Study
-from mcstudy.study.models import build_model
+from mcstudy.study.models import simulated_model
 
 
 def instability(model: Model) -> str:
@@ -29,7 +29,7 @@ def warning(what: str) -> str:
 
 def warnings_of(study: Study) -> list[str]:
     """One line per unstable group."""
-    instabilities = {name: instability(build_model(group)) for name, group in study.groups.items()}
+    instabilities = {name: instability(simulated_model(group)) for name, group in study.groups.items()}
     return [f"group {name}: {warning(what)}" for name, what in instabilities.items() if what]
 
 
@@ -42,11 +42,12 @@ def refuse_unstable(study: Study, allow: bool = False) -> None:
     if not study.groups:
         raise DesignError("group: expected at least one, as Study.group(name, realizations=..., ...) adds it")
     for name, group in study.groups.items():
-        refuse_unstable_model(build_model(group), group.simulator, allow, f"group.{name}.")
+        field = "effects.truth" if group.effects.truth else "model.truth"
+        refuse_unstable_model(simulated_model(group), group.simulator, allow, f"group.{name}.{field}")
 
 
-def refuse_unstable_model(model: Model, simulator: str, allow: bool, where: str = "") -> None:
-    """The same for one model; ``where`` is the prefix of its fields in the message."""
+def refuse_unstable_model(model: Model, simulator: str, allow: bool, field: str = "model.truth") -> None:
+    """The same for one model; ``field`` is the one of its true values in the message."""
     in_time = simulator == "time_domain"
     if (not allow or in_time) and (what := instability(model)):
         remedy = (
@@ -54,4 +55,4 @@ def refuse_unstable_model(model: Model, simulator: str, allow: bool, where: str 
             if in_time
             else "to accept it: --allow-unstable, in Python allow_unstable=True"
         )
-        raise DesignError(f"{where}model.truth: expected a stable closed loop, got an unstable one, {what} ({remedy})")
+        raise DesignError(f"{field}: expected a stable closed loop, got an unstable one, {what} ({remedy})")

@@ -126,6 +126,7 @@ def time_domain(group: Group, model: Model, bands: Bands, stream: Stream) -> Mea
     def measure(amplitude: float, realization: int) -> Measurement:
         from mcstudy.spectra.estimate import frf_from_recording
         from mcstudy.stance.simulate_time import simulate, with_derivatives
+        from mcstudy.study.effects import in_time, refuse_fallen
 
         noise = group.noise_source
         cycle = stimulus(group, amplitude).waveform()
@@ -133,7 +134,9 @@ def time_domain(group: Group, model: Model, bands: Bands, stream: Stream) -> Mea
         samples = np.tile(with_derivatives(cycle, s.rate_hz), (s.cycles, 1)) if model.senses_motion else drive
         rng, measured = stream(realization), group.measurement_noise
         sensed = noise.sample(rng, drive.size, s.rate_hz)
-        recorded = simulate(model, model.truth, samples, s.rate_hz, noise=sensed).theta
+        how = in_time(group, model, amplitude, drive.size, rng)
+        recorded = simulate(model, model.truth, samples, s.rate_hz, noise=sensed, **how).theta
+        refuse_fallen(group, recorded, amplitude)
         if measured is not None:
             recorded = recorded + measured.sample(rng, drive.size)
         data = frf_from_recording(recorded, drive, s.rate_hz, bands, s.discard, spectrum(group))

@@ -13,16 +13,28 @@ from mcstudy.stance.feedback import Model, Parameter
 from mcstudy.stance.joint import under_some
 from mcstudy.stance.provenance import BODY, OWN_VALUES, REPLACED, WEIGHT, own_values, stand_in
 from mcstudy.stance.truths import TRUTHS, named
-from mcstudy.study.group import BoundsSection, Group, ModelSection
+from mcstudy.study import effects
+from mcstudy.study.group import BoundsSection, EffectsSection, Group, ModelSection
 
 
 def build_model(group: Group) -> Model:
-    """The model of a group.
+    """The model that a group fits, with the effects that are fitted.
 
     Raises
     ------
     DesignError: with a message that starts with the field, relative to the group.
     """
+    base = base_model(group)
+    return base if group.effects == EffectsSection() else effects.fitted(base, group.effects)
+
+
+def simulated_model(group: Group) -> Model:
+    """The model of the body that a group simulates; its ``truth`` are the values of all its parameters."""
+    return effects.simulated(base_model(group), group.effects)
+
+
+def base_model(group: Group) -> Model:
+    """The model of a group without any effects; raises as `build_model`."""
     section = group.model
     if section.declared:
         return _applied(_declared(section), group.stimulus.applied)
@@ -118,7 +130,7 @@ def with_model_values(group: Group) -> Group:
     if group.model.declared:
         declared = _declared(group.model)
         return group.model_copy(update={"model": ModelSection(kind=DECLARED, **table_of(declared))})
-    model = build_model(group)
+    model = base_model(group)
     truth = {p.name: p.value for p in model.parameters}
     section = group.model.model_copy(update={"truth": truth, "body": asdict(Body(**group.model.body))})
     return group.model_copy(update={"model": section})

@@ -304,4 +304,5 @@ def _spread(experiment: Experiment, amplitude: float, fmax: float, number: int) 
     starts = np.stack([np.vstack([model.truth[None], random_starts]) for random_starts in random])
     problems = [experiment.problem(experiment.measure(amplitude, r), fmax) for r in realizations]
     best = [f.estimate[f.best] for f in fit_many(problems, starts) if np.isfinite(f.cost).any()]
-    return 100 * np.std(best, axis=0, ddof=1) / np.abs(model.truth)
+    size = np.where(model.truth != 0, np.abs(model.truth), model.upper - model.lower)  # an effect may be absent
+    return 100 * np.std(best, axis=0, ddof=1) / size

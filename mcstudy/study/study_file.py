@@ -19,6 +19,7 @@ from mcstudy.models.catalogue import spelled_out
 from mcstudy.stance.feedback import Model
 from mcstudy.study.catalogue import located, read_file
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
+from mcstudy.study.sweep import expanded
 
 
 def read_study(path: str | Path, model: Model | str | Path | None = None) -> Study:
@@ -58,7 +59,7 @@ def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
     shared = {key: raw[key] for key in SECTIONS if key in raw}
     for key, value in shared.items():
         validated(Group.model_fields[key].annotation, value, key)
-    groups = {}
+    groups: dict[str, Any] = {}
     for name, fields in raw["group"].items():
         where = f"group.{shown(name)}"
         if not isinstance(fields, dict):
@@ -71,8 +72,7 @@ def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
         for key in SECTIONS:
             if not isinstance(fields.get(key, {}), dict):
                 raise DesignError(f"{where}.{key}: expected a table, got {short(fields[key])}")
-        groups[name] = merge(base, fields)
-        validated(Group, groups[name], where)
+        groups |= _cells(name, merge(base, fields), folder)
     study: Study = validated(Study, {"study": raw["study"], "group": groups})
     return study
 
@@ -92,6 +92,16 @@ def with_model(raw: dict[str, Any], model: Model | str | Path | None) -> dict[st
             for name, g in groups.items()
         }
     return {**raw, **own}
+
+
+def _cells(name: str, fields: dict[str, Any], folder: Path | None) -> dict[str, Any]:
+    """A group, or those of its sweep."""
+    cells = expanded(name, fields)
+    for cell, own in cells.items():
+        if isinstance(own.get("model"), str):  # of an axis of models
+            own["model"] = named_model(own["model"], f"group.{shown(cell)}.model", folder)
+        validated(Group, own, f"group.{shown(cell)}")
+    return cells
 
 
 def named_model(given: Any, where: str, folder: Path | None) -> Any:

@@ -143,6 +143,7 @@ def _verify(path: Path, cells: int, seed: int, tolerance: float) -> Findings:
         )
     reported = run_log.reported(path, cube.study.fingerprint)
     with_checksums = run_log.reported(path, cube.study.fingerprint, checksums=True)
+    seen: dict[tuple[str, int], dict[bytes, int]] = {}
     for name, store in cube.groups.items():
         findings.notes += _without_checksums(store, with_checksums)
         unreadable = {array for array in store.layout.results if store.path / array / "zarr.json" in damaged}
@@ -161,6 +162,7 @@ def _verify(path: Path, cells: int, seed: int, tolerance: float) -> Findings:
             if not damage and (left := store.pending(chunk)) < store.layout.fits(chunk):
                 findings.pending += left
                 sound.append((store, chunk))
+                findings.damage += _repeated(store, chunk, seen.setdefault((name, chunk.amplitude), {}))
             elif not damage:
                 findings.pending += store.layout.fits(chunk)
     findings.notes += _other_environments(cube, [(s, c) for s, c in sound if s.environments(c)], now)
@@ -172,6 +174,19 @@ def _verify(path: Path, cells: int, seed: int, tolerance: float) -> Findings:
         _recompute(store, chunk, rng, findings, apart(cube, store, chunk, now))
     findings.digest = tree_digest(path)
     return findings
+
+
+def _repeated(store: GroupStore, chunk: Chunk, seen: dict[bytes, int]) -> Iterator[str]:
+    """Realizations with the data of another one of the same amplitude; ``seen``: realizations by their data."""
+    if not store.experiment.group.noisy:
+        return
+    for realization, frf in zip(store.layout.realizations(chunk), store.read("frf", chunk)[0], strict=True):
+        first = seen.setdefault(frf.tobytes(), realization) if np.isfinite(frf).all() else realization
+        if first != realization:
+            yield (
+                f"{store.chunk_file('frf', chunk)}: expected noise of its own in every realization, "
+                f"found the data of {first} in {realization}"
+            )
 
 
 def _still(store: GroupStore, chunk: Chunk, read: Callable[[], T]) -> T:

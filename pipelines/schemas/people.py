@@ -242,6 +242,48 @@ class Sway(TypedDict):
 
 
 @closed
+class AveragedCause(TypedDict):
+    """a cause and its weight; no effects: nothing is missing"""
+
+    effects: list[str]
+    probability: Probability
+
+
+@closed
+class AveragedQuantity(TypedDict):
+    """a quantity of the model as it is, and averaged over causes"""
+
+    name: str
+    unit: str
+    base: float
+    base_low: float
+    base_high: float
+    estimate: float
+    """median of the average"""
+    low: float
+    high: float
+    low_from: Literal["data", "bound"]
+    high_from: Literal["data", "bound"]
+    data: float
+    """share of the variance that noise makes where cause and form are known"""
+    form: float
+    """share of the forms of one cause"""
+    cause: float
+    """share of which cause it is"""
+    moved_by: str
+    """cause that moved it most; empty where none did"""
+    determined: bool
+
+
+@closed
+class Averaged(TypedDict):
+    """quantities averaged over what the model may lack"""
+
+    causes: list[AveragedCause]
+    quantities: list[AveragedQuantity]
+
+
+@closed
 class Gap(TypedDict):
     """test for a gap, as of mcstudy gap diagnose --fast; null for lines alone"""
 
@@ -294,6 +336,7 @@ class Fit(TypedDict):
     stability: NotRequired[Stability | None]
     sway: NotRequired[Sway | None]
     gap: NotRequired[Gap | None]
+    averaged: NotRequired[Averaged]
     comparison: NotRequired[Comparison | None]
     warnings: list[str]
     method: dict[str, Any]

@@ -262,10 +262,20 @@ class GroupCell(TypedDict, extra_items=Statistic):
 
 
 @closed
+class SweepCell(TypedDict):
+    """Where a group lies in a sweep; absent in other groups."""
+
+    sweep: str
+    at: dict[str, str | float | bool]
+    """the label on every axis"""
+
+
+@closed
 class Group(TypedDict):
     """A group of the study."""
 
     design: Design
+    cell: NotRequired[SweepCell]
     differences: list[str]
     """settings that differ from the paper's"""
     truth_provenance: str

@@ -56,6 +56,8 @@ def rows() -> list[str]:
         for name, field in section.model_fields.items():
             if section is ModelSection and name in ModelTable.model_fields:  # of a declared model, on a page of its own
                 continue
+            if name == "cell":  # which a sweep writes
+                continue
             if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
                 add(name if prefix == "group.NAME" else f"{prefix}.{name}", field.annotation)
                 continue

@@ -7,8 +7,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+import mcstudy as mc
+from mcstudy.cli import main
 from mcstudy.effect_library import library
 from mcstudy.effect_library.generic import joints_of
+from mcstudy.errors import InputError
+from mcstudy.exits import Exit
 from mcstudy.models.catalogue import read_model
 from mcstudy.stance.body import one_segment, two_segment
 from mcstudy.stance.feedback import Model
@@ -115,3 +119,15 @@ def test_an_effect_has_words_with_the_names_of_the_model() -> None:
     assert known.words("inertia_load") == "inertia at the load [inertia_load]"
     assert known.words("sensor_lag_motor") == "a lag of the sensor of motor [sensor_lag_motor]"
     assert library.places(drive()) == ("motor", "load", "stimulus", "sensor")
+
+
+def test_the_command_lists_the_effects_of_a_model(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["gap", "effects", "--model", "elbow"]) == Exit.DONE
+    listed = [block.split()[0] for block in capsys.readouterr().out.split("\n\n")]
+    assert listed == list(library.library_of(shipped("elbow")))
+    assert "passive_damping_ankle" not in listed
+
+
+def test_an_effect_that_a_model_does_not_have_is_refused_with_those_that_it_has() -> None:
+    with pytest.raises(InputError, match=r"unknown effect 'passive_damping_ankle'; the library has inertia_elbow, .*"):
+        mc.simulate(["passive_damping_ankle"], model="elbow", cycles=1, rate_hz=100.0)

@@ -146,7 +146,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
         r"line 1002, column 'time': expected a number, got '1,050'",
     ),
     "a model that is none": ({"model": "independent_chanel"}, r"'independent_chanel' \(similar: independent_channel\)"),
-    "no model": ({"model": None}, r"channels.sway: unknown key, .*model = \"independent_channel\", --model"),
+    "no model": ({"model": None}, r"channels.sway: unknown key, .*model = \"sensorimotor_integration\", --model"),
     "two angles of one": ({"channels": {**channels(), "theta1": "sway"}}, "channels.theta1: unknown key, .*sway"),
     "a constant that is none": ({"constants": {"Jj": 5.0}}, r"constants.Jj: expected one of J, mgh, .*\(similar: J\)"),
     "a constant below zero": ({"constants": {"J": -5.0}}, "constants.J: expected greater than 0"),

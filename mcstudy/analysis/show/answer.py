@@ -8,6 +8,7 @@ from typing import Any
 
 from mcstudy.analysis.publications.publication import cited
 from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL
+from mcstudy.analysis.show.sweeps import sweep_text, sweeps_of
 from mcstudy.analysis.show.text import (
     OFTEN,
     condition,
@@ -35,6 +36,8 @@ LISTED = 8
 
 def answer(data: Entry) -> str:
     """The first screen, of about twenty lines with a dozen parameters."""
+    if all("cell" in group for group in data["groups"].values()):
+        return _of_sweeps(data)
     name = main_group(data)
     group = data["groups"][name]
     noisy = group["design"]["simulator"] != "none"
@@ -45,6 +48,12 @@ def answer(data: Entry) -> str:
     return folded("\n".join([*parts, *_publication(data), _further(data, name)]))
 
 
+def _of_sweeps(data: Entry) -> str:
+    """The first screen of a study that is nothing but sweeps."""
+    tables = [sweep_text(name, cells) for name, cells in sweeps_of(data["groups"]).items()]
+    return folded("\n\n".join(["\n".join([_head(data), *filter(None, [incomplete(data)])]), *tables]))
+
+
 def main_group(data: Entry) -> str:
     """The group that answers: one with noise, then of most conditions and realizations."""
 
@@ -52,7 +61,7 @@ def main_group(data: Entry) -> str:
         design = data["groups"][name]["design"]
         return bool(design["noise"]), len(data["groups"][name]["cells"]) * int(design["realizations"])
 
-    return max(data["groups"], key=size)
+    return max((name for name, g in data["groups"].items() if "cell" not in g), key=size)
 
 
 def determined(parameter: Entry) -> bool:
@@ -177,7 +186,8 @@ def _publication(data: Entry) -> Iterator[str]:
 
 
 def _further(data: Entry, main: str) -> str:
-    others = [name for name in data["groups"] if name != main]
+    sweeps = {g.get("cell", {}).get("sweep", name): None for name, g in data["groups"].items()}
+    others = [name for name in sweeps if name != main]
     lines = [f"Other groups (--group): {_listed(others)}."] if others else []
     lines.append("More: --all --starts --fmax --amplitude --parameter; page: mcstudy report OUT")
     return "\n".join(fill(line, "  ") for line in lines)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from mcstudy.analysis.selection import inside_bounds
 from mcstudy.analysis.view import GroupView
+from mcstudy.study.effects import true_effects, true_sizes
 from mcstudy.study.instability import warning
 
 LEAST = 3
@@ -18,7 +19,21 @@ def notes(view: GroupView) -> list[str]:
     for why, cell in _of_cells(view):
         conditions.setdefault(why, []).append(cell)
     falls = [f"Warning: {warning(view.instability)}."] if view.instability else []
-    return falls + [f"{why}: {'; '.join(cells)}." for why, cells in conditions.items()]
+    return falls + _two_models(view) + [f"{why}: {'; '.join(cells)}." for why, cells in conditions.items()]
+
+
+def _two_models(view: GroupView) -> list[str]:
+    """What the simulated body has and the fitted model lacks, and the reverse."""
+    effects = view.group.effects
+    sizes = true_sizes(effects)
+    missing = [
+        ", ".join(f"{p} = {sizes[p]:.4g}" for p in effect.parameters)
+        for name, effect in true_effects(effects).items()
+        if name not in effects.fit
+    ]
+    extra = [name for name in effects.fit if name not in effects.truth]
+    lines = [f"The simulated body has {'; '.join(missing)}, which the fitted model lacks."] if missing else []
+    return lines + ([f"The fitted model has {', '.join(extra)}, which the simulated body lacks."] if extra else [])
 
 
 def _of_cells(view: GroupView) -> Iterator[tuple[str, str]]:

@@ -32,8 +32,9 @@ class Selection:
 
 def selected(data: Entry, wanted: Selection) -> Entry:
     """The tables of what is wanted; raises `InputError` when something wanted is in none of them."""
-    groups = {name: group for name, group in data["groups"].items() if name in (wanted.groups or data["groups"])}
-    _check("group", wanted.groups, data["groups"])
+    sweeps = {name: group.get("cell", {}).get("sweep", name) for name, group in data["groups"].items()}
+    _check("group", wanted.groups, [*sweeps.values(), *sweeps])
+    groups = {n: g for n, g in data["groups"].items() if not wanted.groups or {n, sweeps[n]} & set(wanted.groups)}
     for key in ("fmax", "amplitude"):
         values = sorted(cell[key] for group in groups.values() for cell in group["cells"])
         _check(key, getattr(wanted, key), values)

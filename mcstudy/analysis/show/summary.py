@@ -137,6 +137,7 @@ def _group(view: GroupView) -> dict[str, Any]:
             "width": g.spectra.width,
             "noise": view.noisy,
         },
+        **({} if g.cell is None else {"cell": g.cell.model_dump(include={"sweep", "at"})}),
         "differences": view.differences,
         "truth_provenance": view.provenance,
         "notes": notes(view),

@@ -9,6 +9,7 @@ from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.publications.publication import cited
 from mcstudy.analysis.publications.verdict_names import AGREES, LIMIT
 from mcstudy.analysis.show.missed_minimum import missed_words
+from mcstudy.analysis.show.sweeps import sweep_text, sweeps_of
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
 from mcstudy.stance.provenance import another_body
 from mcstudy.text_tables import counted, fill, folded, number, starts_in_words, table, with_error
@@ -38,8 +39,10 @@ def differences(data: dict[str, Any]) -> str:
 
 
 def groups(data: dict[str, Any]) -> str:
-    """The tables of each group."""
-    return folded("\n\n".join(_group(name, group) for name, group in data["groups"].items()))
+    """The tables of each sweep and of each group that is in none."""
+    parts = [sweep_text(name, cells) for name, cells in sweeps_of(data["groups"]).items()]
+    parts += [_group(name, group) for name, group in data["groups"].items() if "cell" not in group]
+    return folded("\n\n".join(parts))
 
 
 def starts(data: dict[str, Any]) -> str:

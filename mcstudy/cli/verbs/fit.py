@@ -39,6 +39,16 @@ def add_arguments(parser: Parser) -> None:
         metavar="EFFECT",
         help="add a linear effect to the model (`mcstudy gap effects` lists them); may be repeated",
     )
+    averaged = parser.add_alternatives()
+    averaged.add_argument(
+        "--causes",
+        action="store_true",
+        default=None,
+        help="average parameters over the causes of `mcstudy gap diagnose` (default: where there is a gap)",
+    )
+    averaged.add_argument(
+        "--model-as-is", dest="causes", action="store_false", help="only the model without effects, even with a gap"
+    )
     parser.add_argument(
         "--quantity",
         action="append",
@@ -142,7 +152,7 @@ def main(args: argparse.Namespace) -> Exit:
 def _settings(args: argparse.Namespace) -> FitSettings:
     from mcstudy.identification.settings import FitSettings
 
-    return FitSettings(**_given(args))
+    return FitSettings(causes=args.causes, **_given(args))
 
 
 def _given(args: argparse.Namespace) -> dict[str, Any]:

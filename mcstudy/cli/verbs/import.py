@@ -120,7 +120,8 @@ def add_arguments(parser: Parser) -> None:
 
 def _add_sway(parser: Parser) -> None:
     sway = parser.add_group(
-        "one sway angle", "With --model independent_channel, or another model of one angle whose output is called sway."
+        "one sway angle",
+        "With --model sensorimotor_integration, or another model of one angle whose output is called sway.",
     )
     sway.add_argument("--sway", metavar="VARIABLE", help="the angle, or a displacement of which it is made")
     sway.add_argument("--sway-unit", metavar="UNIT", help="of a displacement: m, cm, mm (default: as the file states)")

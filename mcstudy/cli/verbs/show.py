@@ -31,6 +31,12 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--compare", type=Path, metavar="OTHER", help="another cube; prints OUT minus OTHER, group by group"
     )
+    parser.add_argument(
+        "--csv",
+        type=Path,
+        metavar="FILE",
+        help="write every parameter of every cell as a row: population, average, SD, ...",
+    )
     add_json_argument(parser)
 
 
@@ -43,6 +49,12 @@ def main(args: argparse.Namespace) -> Exit:
     wanted = Selection(groups=args.group, fmax=args.fmax, amplitude=args.amplitude, parameters=args.parameter)
     with activity(f"{args.out}: computing the statistics"):
         report = show(args.out, args.compare).selected(wanted)
+    if args.csv is not None:
+        from mcstudy.analysis.show.sweeps import csv_rows
+        from mcstudy.files.csv_text import csv_text
+        from mcstudy.files.json_files import write_text
+
+        write_text(args.csv, csv_text(*csv_rows(report.data)))
     if args.json:
         print_json(report.json())
     else:

@@ -41,7 +41,7 @@ def main(args: argparse.Namespace) -> Exit:
         raise InputError(f"{args.out}: expected a name that begins with a letter and ends in .toml")
     read = read_recordings(args)
     compile_kernels(PERSON)
-    settings = FitSettings(fmax=args.fmax, discard=args.discard, accept=args.accept, seed=args.seed)
+    settings = FitSettings(causes=False, fmax=args.fmax, discard=args.discard, accept=args.accept, seed=args.seed)
     with activity(f"{args.recordings[0]}: fitting"), with_names(args):
         fitted = fit(read, settings)
         study = study_of(fitted, name, realizations=args.realizations, starts=args.starts)

@@ -51,8 +51,8 @@ outputs under their names, in the model's units unless ``units`` or a channel sa
     units = {angle = "deg"}    # of all outputs
     constants = {inertia = 0.07}  # of this person, in place of those of the model; J, mgh, m and h follow from a body
 
-The one angle of a standing body (``model = "independent_channel"``) may be a displacement of the centre of mass or of
-pressure, or come from markers or sway rods at hip and shoulder (`mcstudy.recordings.markers`):
+The one angle of a standing body (``model = "sensorimotor_integration"``) may be a displacement of the centre of mass or
+of pressure, or come from markers or sway rods at hip and shoulder (`mcstudy.recordings.markers`):
 
     sway = {column = "COM", unit = "cm", of = "com"}    # height of the centre of mass from the body; or height = 0.93
     markers = {hip = ["hip"], shoulder = ["shld"], columns = "{marker}_{axis}pos", forward = "+z", up = "+y"}
@@ -95,7 +95,7 @@ OTHER_FILES = {
 LARGEST_SCALE = 1e9
 """Largest scale factor of a channel; the smallest is its reciprocal. Either sign is allowed."""
 
-ONE_ANGLE = '; outputs of a model, such as one sway angle, need its name (model = "independent_channel", --model)'
+ONE_ANGLE = '; outputs of a model, such as one sway angle, need its name (model = "sensorimotor_integration", --model)'
 """The way on for somebody who names another channel than the two angles."""
 
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}

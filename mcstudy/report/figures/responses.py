@@ -14,11 +14,12 @@ from mcstudy.report.axes import axes, frequency_axis, log_axis
 from mcstudy.report.figures.common import GroupLike, chosen_amplitude, chosen_fmax, view_of
 from mcstudy.report.labels import CONTROLLERS, cell_label
 from mcstudy.report.style import DASHES, MARKERS, SERIES
+from mcstudy.stance.feedback import Model
 from mcstudy.stance.joint import members
 from mcstudy.stance.response import frf, neural_controllers
 
-Response = Callable[[GroupView, np.ndarray, np.ndarray], dict[str, np.ndarray]]
-"""(group, parameters (..., P), frequencies (N,)) -> named responses (..., N)."""
+Response = Callable[[Model, np.ndarray, np.ndarray], dict[str, np.ndarray]]
+"""(model, parameters (..., P), frequencies (N,)) -> named responses (..., N)."""
 
 MOST_FITS = 500
 """Best fits a band is made of."""
@@ -30,9 +31,8 @@ BAND = (0.1, 0.9)
 """Quantiles over realizations between which a band lies."""
 
 
-def frf_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
+def frf_of(model: Model, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
     """Stimulus-to-angle FRFs by angle (and stimulus, of several), in the angle's unit per unit of stimulus."""
-    model = view.model
     responses = zip(model.stimulus_names, (frf(m, theta, f) for m in members(model)), strict=True)
     return {
         angle.replace("theta", "θ") + (f" from {stimulus}" if model.blocks else ""): H[..., i]
@@ -41,12 +41,12 @@ def frf_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.nd
     }
 
 
-def controllers_of(view: GroupView, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
+def controllers_of(model: Model, theta: np.ndarray, f: np.ndarray) -> dict[str, np.ndarray]:
     """Neural controllers by row and angle; of the paper's joints by its names, T12 = hip torque from theta1 (N m/rad).
 
     Those of other joints are called ``ROW from ANGLE``.
     """
-    NC, model = neural_controllers(view.model, theta, f), view.model
+    NC = neural_controllers(model, theta, f)
     responses = {
         CONTROLLERS.get((row, angle), f"{row} from {angle}"): NC[..., i, k]
         for k, angle in enumerate(model.angles)
@@ -170,5 +170,5 @@ def _responses(
     cells = view.cells.sel(amplitude=amplitude, fmax=fmax).isel(realization=slice(0, MOST_FITS))
     estimate = cells["estimate"].transpose("realization", "parameter").values
     shown = np.isfinite(estimate).all(1)
-    fits = response(view, estimate[shown], f)
-    return f, response(view, view.model.truth, f), fits, cells["growth_rate"].values[shown] < 0
+    fits = response(view.model, estimate[shown], f)
+    return f, response(view.simulated, view.simulated.truth, f), fits, cells["growth_rate"].values[shown] < 0

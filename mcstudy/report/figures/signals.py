@@ -59,7 +59,7 @@ class Signals:
     @property
     def model(self) -> Model:
         """The true model; under the first of several stimuli."""
-        return members(self.view.model)[0]
+        return members(self.view.simulated)[0]
 
     @cached_property
     def periodic(self) -> Stimulus:

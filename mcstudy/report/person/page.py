@@ -6,7 +6,7 @@ from functools import partial
 
 from markupsafe import Markup
 
-from mcstudy.identification import words
+from mcstudy.identification import averaged_words, words
 from mcstudy.identification.estimate import Estimate, interval
 from mcstudy.identification.fit_record import FitRecord
 from mcstudy.identification.tables import estimates, help_needed, relative
@@ -28,6 +28,7 @@ TILES = 4
 def fit_page(fit: FitRecord, command: str = "mcstudy fit REC --html page.html") -> str:
     """The page of a fit; ``command``: the command that makes this page, as displayed on it."""
     parts = [
+        *_averaged(fit),
         (
             "estimates",
             "Estimates and intervals",
@@ -46,6 +47,14 @@ def fit_page(fit: FitRecord, command: str = "mcstudy fit REC --html page.html") 
         f"Intervals are profile likelihood intervals of {100 * fit.level:g} %; no prior is used. How often such "
         "intervals contain the true value in simulations: mcstudy/identification/README.md.",
     )
+
+
+def _averaged(fit: FitRecord) -> list[tuple[str, str, Markup]]:
+    """What the model may lack, and the parameters averaged over it; nothing without an average."""
+    if fit.averaged is None:
+        return []
+    content = paragraphs([averaged_words.finding(fit.averaged)]) + table(averaged_words.table(fit.averaged, fit.level))
+    return [("averaged", "Averaged over causes", content)]
 
 
 def _introduction(fit: FitRecord) -> Markup:

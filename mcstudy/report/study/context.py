@@ -60,8 +60,10 @@ class Context:
 
     @cached_property
     def held(self) -> list[GroupView]:
-        """Groups with at least one finished fit."""
-        return [g for g in self.study.groups.values() if bool(g.cells["cost"].notnull().any())]
+        """Groups with at least one finished fit; of sweeps the first cell alone, where there is no other group."""
+        views = list(self.study.groups.values())
+        views = [g for g in views if g.group.cell is None] or views[:1]
+        return [g for g in views if bool(g.cells["cost"].notnull().any())]
 
     @cached_property
     def publication(self) -> Publication:

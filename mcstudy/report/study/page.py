@@ -25,6 +25,7 @@ from mcstudy.report.study.context import Context
 from mcstudy.report.study.items import group_figures, main_figures
 from mcstudy.report.study.model import model_html
 from mcstudy.report.study.overview import overview
+from mcstudy.report.study.sweeps import sweep_figures
 from mcstudy.report.study.tables import group_overviews, headline, introduction, published_beside
 from mcstudy.study.cube.conversion import structured
 from mcstudy.text_tables import Table
@@ -71,6 +72,7 @@ def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -
         *_main_figures(context),
         ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
+        *[(f.key, f.title, _figures(context, [f])) for f in sweep_figures(context)],
         *sections,
         ("groups", "Summary tables by group", _traced(group_overviews(context))),
         ("study", "Provenance", _provenance(context)),

@@ -119,7 +119,8 @@ def _columns(statistic: CellStatistic, entry: dict[str, Any]) -> list[str]:
 
 def group_overviews(context: Context) -> Markup:
     """Every group: its size, what became of its fits, and the quality of its best fits by condition."""
-    return joined(_group_overview(context, name) for name in context.study.groups)
+    views = context.study.groups.items()
+    return joined(_group_overview(context, name) for name, view in views if view.group.cell is None)
 
 
 def _group_overview(context: Context, name: str) -> Markup:

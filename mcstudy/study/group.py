@@ -7,7 +7,7 @@ or robot needs; a value outside it is a typing error and would lead to numbers t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -457,6 +457,16 @@ DEFAULT_MOST_STARTS = 1000
 
 class _Largest(int):
     """A number of starts that stands for `UNTIL_CERTAIN`, between two steps of validation."""
+
+
+AXES = ("fmax", "amplitude")
+"""Fields of a group that are lists of numbers."""
+
+
+def with_lists(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a group in which a number stands for a list of one."""
+    lists = {key: [fields[key]] for key in AXES if type(fields.get(key)) in (int, float)}
+    return {**fields, **lists}
 
 
 class Group(Section):

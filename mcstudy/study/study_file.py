@@ -19,7 +19,9 @@ from mcstudy.models.catalogue import spelled_out
 from mcstudy.stance.feedback import Model
 from mcstudy.study.catalogue import located, read_file
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
+from mcstudy.study.group import with_lists
 from mcstudy.study.sweep import expanded
+from mcstudy.text_tables import similar
 
 
 def read_study(path: str | Path, model: Model | str | Path | None = None) -> Study:
@@ -72,7 +74,7 @@ def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
         for key in SECTIONS:
             if not isinstance(fields.get(key, {}), dict):
                 raise DesignError(f"{where}.{key}: expected a table, got {short(fields[key])}")
-        groups |= _cells(name, merge(base, fields), folder)
+        groups |= _cells(name, with_lists(merge(base, fields)), folder)
     study: Study = validated(Study, {"study": raw["study"], "group": groups})
     return study
 
@@ -123,7 +125,7 @@ def check_tables(raw: Mapping[str, Any], known: Collection[str]) -> None:
     """Raise `DesignError` unless everything at a file's top level is a table with one of the ``known`` names."""
     for key, value in raw.items():
         if key not in known:
-            raise DesignError(f"{shown(key)}: unknown key, expected one of {', '.join(known)}")
+            raise DesignError(f"{shown(key)}: unknown key, expected one of {', '.join(known)}{similar(key, known)}")
         if not isinstance(value, dict):
             raise DesignError(f"{key}: expected a table [{key}], got {short(value)}")
 

@@ -240,7 +240,8 @@ def import_recording(
         Path of a description of the files (.toml), or None; also accepted as ``map``.
     fields
         Fields of a description, which replace those of the file: ``channels={"stimulus": "torque"}``,
-        ``units={"angle": "deg"}``, ``rate_hz=100.0``, ``body={"height": 1.80, "weight": 75.0}``, ...
+        ``units={"angle": "deg"}``, ``rate_hz=100.0``, ``body={"height": 1.80, "weight": 75.0}``; of one sway angle
+        ``model="sensorimotor_integration"``, ``channels={"stimulus": "tilt", "sway": {"column": "COM", "of": "com"}}``.
 
     Returns
     -------

@@ -68,11 +68,18 @@ def _main(words: list[str], stop: Stop | None) -> Exit:
 
 def _done(words: list[str], stop: Stop | None) -> Exit:
     from mcstudy.cli.parser import main_parser
-    from mcstudy.cli.verbs import is_verb
+    from mcstudy.cli.verbs import SHORT, is_verb, listed
     from mcstudy.exits import Exit
 
     if words[:1] and is_verb(words[0]):
         return _run(words[0], words[1:], stop)
+    if words[:1] and words[0] in SHORT:
+        return _run("gap", words, stop)
+    if words[:1] and not words[0].startswith("-"):
+        from mcstudy.text_tables import similar
+
+        _tell(f"{words[0]}: expected a verb{similar(words[0], listed())}; mcstudy --help lists them")
+        return Exit.BAD_INPUT
     parser = main_parser()
     args = parser.parse_args(words)
     if args.version:

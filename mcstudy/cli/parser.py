@@ -9,7 +9,7 @@ import argparse
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from mcstudy.cli.verbs import VERBS, module, verbs
+from mcstudy.cli.verbs import VERBS, listed, module, verbs
 from mcstudy.exits import exit_codes
 
 
@@ -124,7 +124,7 @@ def main_parser(whole: bool = False) -> Parser:
         epilog=f"exit codes: {exit_codes()}",
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
-    named = verbs()
+    named = verbs() if whole else listed()
     for verb, below in zip(named, parser.add_verbs("verb", named, required=False, add_help=whole), strict=True):
         if whole:
             module(verb).add_arguments(below)

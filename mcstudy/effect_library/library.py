@@ -22,7 +22,7 @@ from mcstudy.stance.body import standing
 from mcstudy.stance.feedback import Model, Parameter
 from mcstudy.stance.joint import changed, members
 from mcstudy.stance.rules import Rules
-from mcstudy.text_tables import fill
+from mcstudy.text_tables import fill, similar
 
 
 class Library(Mapping[str, Effect]):
@@ -113,16 +113,16 @@ def effect(name: str, library: Library = LIBRARY) -> Effect:
     try:
         return library[name]
     except KeyError:
-        raise InputError(f"unknown effect {name!r}; the library has {', '.join(library)}") from None
+        near = similar(name, library)
+        raise InputError(f"unknown effect {name!r}{near}; the library has {', '.join(library)}") from None
 
 
 def library_of(model: Model) -> Library:
     """The effects that a ``model`` without effects may lack: `LIBRARY` for a standing body.
 
-    For any other declared model those that are generated for it, and those that were registered; under several stimuli
-    those for the first, because it is the loop that they change.
+    For any other declared model those that are generated for it, and those that were registered.
     """
-    return LIBRARY if standing(model) else _generated(members(model)[0], tuple(LIBRARY.values()))
+    return LIBRARY if standing(model) else _generated(model, tuple(LIBRARY.values()))
 
 
 @lru_cache(maxsize=64)

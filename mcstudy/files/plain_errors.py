@@ -16,6 +16,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from mcstudy.errors import DesignError
+from mcstudy.text_tables import similar
 
 
 def validated(model: Any, value: Any, where: str = "", whole: str = "file") -> Any:
@@ -58,8 +59,9 @@ def one_line(error: ValidationError, model: type[BaseModel], where: str = "", wh
     others = [e for e in errors if _place(model, e["loc"])[0] != loc]
     more = f" (and {len(others)} more)" if others else ""
     if first["type"] == "extra_forbidden":
-        keys = ", ".join(_fields(table)) if table else ""
-        return f"{field}: unknown key, expected {f'one of {keys}' if keys else 'none here'}{more}"
+        known = _fields(table) if table else []
+        keys = f"one of {', '.join(known)}{similar(str(loc[-1]), known)}" if known else "none here"
+        return f"{field}: unknown key, expected {keys}{more}"
     if first["type"] == "missing":
         return f"{field}: missing{more}"
     # A union has one error per member, all of the same field.

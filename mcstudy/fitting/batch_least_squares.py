@@ -27,6 +27,7 @@ def minimised(
     lower: np.ndarray,
     upper: np.ndarray,
     iterations: int = 150,
+    tolerance: float = TOLERANCE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Local minima (B, Q) of sums of squares from ``starts`` (B, Q), and these sums (B,).
 
@@ -34,7 +35,7 @@ def minimised(
     ----------
     residual: of unknowns (b, Q) of the problems at positions (b,), (b, M).
     linearised: the same with its derivatives, (b, M) and (b, M, Q).
-    lower, upper: (Q,) bounds. iterations: steps at most.
+    lower, upper: (Q,) bounds. iterations: steps at most. tolerance: see `TOLERANCE`.
     """
     every = np.arange(len(starts))
     q = np.clip(starts, lower, upper)
@@ -59,7 +60,7 @@ def minimised(
         with np.errstate(all="ignore"):
             after = (residual(trial, at) ** 2).sum(axis=1)
         better = after < cost[at]
-        done = better & (cost[at] - after < TOLERANCE * cost[at]) & (damping[at] < CALM)
+        done = better & (cost[at] - after < tolerance * cost[at]) & (damping[at] < CALM)
         q[at[better]] = trial[better]
         cost[at[better]] = after[better]
         damping[at] *= np.where(better, 0.2, 4.0)

@@ -15,6 +15,7 @@ import numpy as np
 
 from mcstudy.fitting.attached import entries
 from mcstudy.fitting.problem import Fits, Problem
+from mcstudy.fitting.stable import stable_ends
 from mcstudy.fitting.status import Status
 
 if TYPE_CHECKING:
@@ -54,11 +55,14 @@ class Options(NamedTuple):
     tolerance: predicted decrease of the cost below which a fit has converged, relative to the cost.
     max_iterations: most evaluations of the model with its derivatives.
     settings: of the solver, an instance of its ``settings``; None for their defaults, or where it has none.
+    margin: how far left of the imaginary axis all characteristic roots must lie, 1/s (`mcstudy.fitting.stable`); None:
+        a fit may end at an unstable loop.
     """
 
     tolerance: float = 1e-12
     max_iterations: int = 1000
     settings: Any = None
+    margin: float | None = None
 
 
 Solve = Callable[[Sequence[Problem], np.ndarray, np.ndarray, Options], Fits]
@@ -164,7 +168,9 @@ def fit_queue(
     if finite.size:
         used, index = np.unique(assignment[finite], return_inverse=True)
         solve: Solve = named(solver_named(solver).solve)
-        out.put(finite, solve([problems[r] for r in used], index, starts[finite], options or Options()))
+        options, mine = options or Options(), [problems[r] for r in used]
+        fits = solve(mine, index, starts[finite], options)
+        out.put(finite, fits if options.margin is None else stable_ends(mine, index, fits, options.margin))
     return out
 
 

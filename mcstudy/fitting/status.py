@@ -16,6 +16,7 @@ class Status(IntEnum):
     NON_FINITE_DATA = 5
     SOLVER_ERROR = 6
     NOT_NEEDED = 7
+    UNSTABLE = 8
 
     @property
     def text(self) -> str:
@@ -34,8 +35,8 @@ class Status(IntEnum):
 
     @property
     def failed(self) -> bool:
-        """Whether the fit was attempted and gave nothing usable."""
-        return self.ran and not self.usable
+        """Whether the fit was attempted and gave nothing usable, although nothing was wrong with asking for it."""
+        return self.ran and not self.usable and self is not Status.UNSTABLE
 
 
 _TEXTS = {
@@ -47,6 +48,7 @@ _TEXTS = {
     Status.NON_FINITE_DATA: "the data or weights are not finite: nothing was fitted",
     Status.SOLVER_ERROR: "the solver raised an error: nothing was fitted",
     Status.NOT_NEEDED: "not needed: the starts before it had found the lowest minimum with the wanted certainty",
+    Status.UNSTABLE: "left out: the search ended at an unstable loop, and found no stable one from there",
 }
 
 USABLE = tuple(int(s) for s in Status if s.usable)

@@ -28,7 +28,7 @@ from mcstudy.text_tables import escaped
 
 EXPECTED = (
     "expected a recording (a stimulus and two sway angles over time): .nc, .zarr, or a .toml that describes .csv "
-    "files; to describe your own: mcstudy help recordings; to simulate one: mcstudy simulate -o rec.nc"
+    "files; to read a laboratory's files (.mat, .c3d, .csv): mcstudy import; to simulate one: mcstudy simulate"
 )
 """What a recording is, for somebody who gave something else."""
 

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from mcstudy.stance.feedback import Model
 from mcstudy.stance.line_stimulus import Stimulus
 from mcstudy.stance.noise import MeasurementNoise, Noise
 from mcstudy.stance.response import frf, noise_response
-from mcstudy.stance.simulate_spectral import NoiseSway
+from mcstudy.stance.simulate_spectral import NoiseSway, sway_psd
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,8 @@ class SpectralExperiment:
         self._sway = NoiseSway(model, theta, noise, cycles * stimulus.samples, stimulus.rate_hz, measured)
         self._covariance = EvenLineCovariance(bands.lines, stimulus.samples // 2)
         self._loop_covariance = LoopCovariance(bands.lines, stimulus.samples // 2)
-        self._model = model
+        self._model, self._theta, self._noise, self._measured = model, theta, noise, measured
+        self._rate_hz, self._duration_s = stimulus.rate_hz, (cycles - discard) * stimulus.period_s
         self.dof = bands.average(self._covariance.dof[:, None])[:, 0]
         """Equivalent independent complex lines behind each point's covariance, (N,)."""
 
@@ -132,6 +134,18 @@ class SpectralExperiment:
         at_even = noise_response(self._model, theta, self._loop_covariance.even / self.bands.period_s)
         at_lines = noise_response(self._model, theta, self.bands.line_f)
         return replace(noise, covariance=self._loop_covariance(noise.even, at_even, at_lines))
+
+    def known(self, noise: SpectrumNoise) -> SpectrumNoise:
+        """The same noise with its true covariance at every line, from theory: without leakage."""
+        return replace(noise, covariance=self._true_covariance)
+
+    @cached_property
+    def _true_covariance(self) -> np.ndarray:
+        f, recorded = self.bands.line_f, self._measured
+        density = None if recorded is None else recorded.psd(self._rate_hz)
+        if recorded is not None and self.spectrum is periods.ramp_removed:
+            density = recorded.psd_without_ramp(f, self._duration_s, self._rate_hz)
+        return sway_psd(self._model, self._theta, self._noise, f, density) / (2 * self._duration_s)
 
     def noise_free(self) -> np.ndarray:
         """Band means of the ideal FRF, (N, Y): differs from `true_frf` only by the averaging."""

@@ -20,7 +20,8 @@ def _filters(
 ) -> tuple[np.ndarray, dict[tuple[int, int], tuple[np.ndarray, np.ndarray]]]:
     """Numerators and denominators (2, ..., F, N), and by (filter, parameter) their derivatives, each (..., N)."""
     batch = theta.shape[:-1]
-    sides = np.zeros((2, *batch, table.n_filters, s.size), dtype=complex)
+    sides = np.zeros((2, *batch, table.n_filters, s.shape[-1]), dtype=complex)
+    zero = np.zeros((*batch, s.shape[-1]), dtype=complex)
     slopes: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
     for (f, side, order, power2, p1, p2), power1, c in zip(
         table.monomial.tolist(), table.monomial_power.tolist(), table.monomial_coefficient, strict=True
@@ -31,7 +32,7 @@ def _filters(
         sides[side, ..., f, :] += base * a**power1 * b**power2
         for p in {p1, p2} - {-1}:
             if (f, p) not in slopes:
-                slopes[f, p] = (np.zeros((*batch, s.size), dtype=complex), np.zeros((*batch, s.size), dtype=complex))
+                slopes[f, p] = (zero.copy(), zero.copy())
         if p1 >= 0:
             slopes[f, p1][side][...] += base * power1 * a ** (power1 - 1) * b**power2
         if p2 >= 0:
@@ -59,14 +60,14 @@ def _filter_slopes(
 def _group_values(model: Model, theta: np.ndarray, s: np.ndarray, filters: np.ndarray) -> np.ndarray:
     """exp(-delay s) * filters(s) per group, (..., G, N); zero at lines where its terms are not there."""
     table = model.table
-    out = np.ones((*theta.shape[:-1], len(table.group_delay), s.size), dtype=complex)
+    out = np.ones((*theta.shape[:-1], len(table.group_delay), s.shape[-1]), dtype=complex)
     for g, delays in enumerate(table.group_delay):
         for delay in delays[delays >= 0]:
             out[..., g, :] *= np.exp(-theta[..., delay, None] * s)
         for k in table.group_filters[g]:
             if k >= 0:
                 out[..., g, :] *= filters[..., k, :]
-    there = present(model, s.size)
+    there = present(model, s.shape[-1])
     return out if there is None else out * there
 
 
@@ -83,7 +84,7 @@ def sensed_stimulus(model: Model, n: int) -> np.ndarray | None:
 
 
 def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A(s) of shape (..., N, R, R) and b(s) of shape (..., N, R) at complex ``s`` of shape (N,).
+    """A(s) of shape (..., N, R, R) and b(s) of shape (..., N, R) at complex ``s``, (N,) or (..., N).
 
     A joint model (`mcstudy.stance.joint`) has the b(s) of each line's own stimulus.
     """
@@ -94,9 +95,9 @@ def system(model: Model, theta: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, 
 def _system(model: Model, theta: np.ndarray, s: np.ndarray, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     table, R = model.table, model.n_rows
     # Summed in whole rows of memory, one for each (row, angle or stimulus), which takes half the time.
-    out = np.zeros((R, R + 1, *theta.shape[:-1], s.size), dtype=complex)
+    out = np.zeros((R, R + 1, *theta.shape[:-1], s.shape[-1]), dtype=complex)
     gains, power = table.gains(theta), {order: s**order for order in set(table.entry[:, 1].tolist())}
-    sensed = sensed_stimulus(model, s.size)
+    sensed = sensed_stimulus(model, s.shape[-1])
     for e, (row, order, group, _, _) in enumerate(table.entry.tolist()):
         value = gains[..., e, None] * power[order] * groups[..., group, :]
         for k, weight in enumerate(table.weight[e, 1:].tolist()):
@@ -203,8 +204,8 @@ def _force_slopes(
 ) -> np.ndarray:
     """dA H - db of every parameter, (row, P, ..., N)."""
     table = model.table
-    force = np.zeros((model.n_rows, table.n_parameters, *theta.shape[:-1], s.size), dtype=complex)
-    drive = sensed_stimulus(model, s.size)
+    force = np.zeros((model.n_rows, table.n_parameters, *theta.shape[:-1], s.shape[-1]), dtype=complex)
+    drive = sensed_stimulus(model, s.shape[-1])
     angles, power = np.moveaxis(H, -1, 0).copy(), {order: s**order for order in set(table.entry[:, 1].tolist())}
     for e, (row, order, group, g1, g2) in enumerate(table.entry.tolist()):
         delays, filtered = table.group_delay[group], table.group_filters[group]
@@ -233,6 +234,12 @@ def _force_slopes(
             for p, log_slope in log_slopes[k]:
                 force[row, p] += total * log_slope
     return force
+
+
+def force_slopes(model: Model, theta: np.ndarray, s: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """(dA/dtheta) q of given ``angles`` q (..., N, R) of a loop without stimulus, (row, P, ..., N)."""
+    filters, log_slopes = _filter_slopes(model.table, theta, s)
+    return _force_slopes(model, theta, s, angles, _group_values(model, theta, s, filters), log_slopes)
 
 
 def noise_response(model: Model, theta: np.ndarray, f: np.ndarray) -> np.ndarray:

@@ -60,14 +60,14 @@ class Rightmost:
     proof: np.ndarray
 
 
-def rightmost_root(model: Model, theta: np.ndarray) -> Rightmost:
+def rightmost_root(model: Model, theta: np.ndarray, fallback: bool = True) -> Rightmost:
     """Rightmost characteristic root of the closed loop for every parameter vector ``theta`` (..., P).
 
     Poles of filters inside the loop and integrators count as roots (an integral term with zero gain does not); filters
     on the stimulus or on measured angles do not. Rows need no inertia; a loop without dynamics has no root and gives
     -infinity, one with a delayed term of higher order than all undelayed ones +infinity. NaN or infinite parameters and
     a singular loop give NaN. Where loops differ between recordings (`Model.loops_differ`) the root is that of the loop
-    that decays most slowly.
+    that decays most slowly. Without ``fallback`` what the compiled search does not certify stays uncertain, and cheap.
 
     Raises
     ------
@@ -77,13 +77,13 @@ def rightmost_root(model: Model, theta: np.ndarray) -> Rightmost:
     if theta.shape[-1:] != (len(model.parameters),):
         raise ModelError(f"model {model.name}: expected {len(model.parameters)} parameters, got {theta.shape}")
     if model.loops_differ:
-        return _of_the_least_stable([rightmost_root(m, theta) for m in members(model)])
+        return _of_the_least_stable([rightmost_root(m, theta, fallback) for m in members(model)])
     flat = np.ascontiguousarray(theta.reshape(-1, theta.shape[-1]))
     root = np.full(len(flat), np.nan + 1j * np.nan)
     proof = np.full(len(flat), Proof.NONE, dtype=np.int8)
     finite = np.isfinite(flat).all(axis=1)
     if finite.any():
-        root[finite], proof[finite] = _search(model, flat[finite])
+        root[finite], proof[finite] = _search(model, flat[finite], fallback)
     return Rightmost(root.reshape(theta.shape[:-1]), proof.reshape(theta.shape[:-1]))
 
 
@@ -128,7 +128,7 @@ _PROOFS = {
 }
 
 
-def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _search(model: Model, theta: np.ndarray, fallback: bool) -> tuple[np.ndarray, np.ndarray]:
     rows = rational_rows(model, theta, _in_loop(model))
     # One memory layout, so that numba compiles once.
     numerator, delay = np.ascontiguousarray(rows.folded()[..., :-1, :]), np.ascontiguousarray(rows.delay)
@@ -139,7 +139,7 @@ def _search(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     proof = np.array([_PROOFS[k] for k in range(len(_PROOFS))], dtype=np.int8)[outcome]
     proof[(outcome == CERTIFIED) & (rounds > 1)] = Proof.RESTART
     root[outcome == STATIC], root[outcome == ADVANCED] = -np.inf, np.inf
-    for b in np.flatnonzero(outcome == FAILED):
+    for b in np.flatnonzero(outcome == FAILED) if fallback else ():
         try:
             eigenvalues = roots_chebyshev(model, theta[b], FALLBACK_ORDER)
         except ModelError:  # not to be realised in time: what the search has found remains, uncertain

@@ -15,6 +15,7 @@ from mcstudy.stance.joint import members
 from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES, Range
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.stance.simulate_spectral import sway_psd
+from mcstudy.stance.stability import growth_rate
 from mcstudy.study.cube.layout import realizations_a_chunk
 from mcstudy.study.detectability import written_out
 from mcstudy.study.effects import check_effects
@@ -169,7 +170,13 @@ def _check_noise(group: Group, model: Model) -> None:
         measured = group.measurement_noise
     except InputError as error:
         raise DesignError(f"noise.measurement.{error}") from None
-    if group.spectra.covariance == "through_loop" and (measured is not None or model.outputs):
+    margin, growth = group.fit.stability_margin, float(growth_rate(model, model.truth))
+    if margin is not None and growth > -margin:
+        raise DesignError(
+            f"fit.stability_margin: expected at most {max(-growth, 0.0):.3g} 1/s, with which the loop of the true "
+            f"parameters decays, got {margin:g}"
+        )
+    if group.spectra.covariance != "even_lines" and (measured is not None or model.outputs):
         raise DesignError(
             "spectra.covariance: expected 'even_lines' for declared outputs and measurement noise, which is not of the "
             "loop, got 'through_loop'"
@@ -205,7 +212,7 @@ def _check_fit(group: Group, model: Model) -> None:
     if group.spectra.covariance == "through_loop" and (group.fit.cost != "ml" or group.simulator != "spectral"):
         raise DesignError(
             "spectra.covariance: expected 'even_lines' unless fit.cost = 'ml' and simulator = 'spectral', "
-            "got 'through_loop'"
+            f"got {group.spectra.covariance!r}"
         )
     weighted = group.fit.cost == "ml" or group.store.standard_errors
     without = weighted and not noisy_outputs(group, model)

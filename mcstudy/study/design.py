@@ -32,6 +32,7 @@ from mcstudy.study.group import (
     StimulusSection,
     StoreSection,
     StudySection,
+    with_lists,
 )
 from mcstudy.study.models import with_model_values
 from mcstudy.study.sweep import expanded
@@ -105,7 +106,7 @@ class Study(Section):
         DesignError
             The name is taken, or a field is not allowed.
         """
-        cells = expanded(name, fields)
+        cells = expanded(name, with_lists(fields))
         if taken := cells.keys() & self.groups.keys():
             raise DesignError(f"group.{min(taken)}: the study already has a group of this name")
         for cell, own in cells.items():

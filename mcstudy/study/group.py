@@ -7,7 +7,7 @@ or robot needs; a value outside it is a typing error and would lead to numbers t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -49,7 +49,7 @@ MULTIPLE = Range(1e-6, 1e6, or_zero=True, signed=True)
 BODY = Range(1e-9, 1e6, or_zero=True, signed=True)
 """Range of body constants, kg m^2, kg m and m/s^2; human values reach about 1e2."""
 
-FREQUENCY = Range(1e-4, 1e6, "Hz")
+FREQUENCY = Range(1e-7, 1e6, "Hz")
 
 HIGHEST_HZ = 8.0
 """Highest frequency point for every Fmax, so that points and data do not depend on the fits."""
@@ -59,8 +59,9 @@ NOISE_PSD = Range(1e-18, 1e6, "deg^2/Hz", or_zero=True)
 NOISE_DENSITY = Range(1e-18, 1e6, "deg^2/Hz")
 MEASURED = Range(1e-12, 1e12, or_zero=True)
 MEASURED_COVARIANCE = Range(1e-24, 1e24, or_zero=True, signed=True)
+STABILITY_MARGIN = Range(1e-6, 1e6, "1/s", or_zero=True)
 DELAY_MARGIN = Range(1e-9, 10.0, "s")
-STATE = Range(1e-6, 1e3, "s")
+STATE = Range(1e-6, 1e6, "s")
 LINE_WEIGHT = Range(1e-12, 1e12)
 PHASE = Range(1e-12, 360.0, "deg", or_zero=True, signed=True)
 EFFECT = Range(1e-12, 1e6, or_zero=True, signed=True)
@@ -335,10 +336,10 @@ class NoiseSection(Section):
         if self.tabulated:
             return self.table.of(angles, scale)
         psd = self.psd * len(angles) if len(self.psd) == 1 else self.psd
-        if len(psd) < len(angles):
-            raise InputError(
-                f"noise psd: expected {len(angles)} numbers, one for each angle, or one for all, got {len(psd)}"
-            )
+        stated, n = psd != type(self).model_fields["psd"].default, len(angles)
+        if len(psd) < n or (stated and len(psd) > max(n, 2)):  # of two, one segment takes the first
+            got = len(psd) if stated else "none"
+            raise InputError(f"noise psd: expected {n} numbers, one for each angle, or one for all, got {got}")
         return SensorNoise(tuple(x * scale for x in psd[: len(angles)]), self.corner_hz)
 
 
@@ -347,14 +348,15 @@ class SpectraSection(Section):
 
     ``width``: fraction of a point's lines that are averaged into it (`mcstudy.spectra.bands.narrower`).
     ``highest_hz``: highest of the ``odd_lines``; more than 8 Hz only for a declared model.
-    ``covariance``: noise covariance from the even lines alone, or from the even lines through a first fit of the loop
-    (`mcstudy.spectra.loop_covariance`; simulator "spectral" only).
+    ``covariance``: noise covariance from the even lines alone, from the even lines through a first fit of the loop
+    (`mcstudy.spectra.loop_covariance`), or the true one, which no experiment knows; the last two with simulator
+    "spectral" only.
     """
 
     points: Literal["published", "averaged", "odd_lines"] = "published"
     width: float = Field(default=1.0, gt=0, le=1)
     ramp: Literal["keep", "remove"] = "keep"
-    covariance: Literal["even_lines", "through_loop"] = "even_lines"
+    covariance: Literal["even_lines", "through_loop", "true"] = "even_lines"
     exclude_hz: tuple[Annotated[float, FREQUENCY], ...] = ()
     highest_hz: Annotated[float, FREQUENCY] = HIGHEST_HZ
 
@@ -374,13 +376,18 @@ def with_settings(section: type[S]) -> type[S]:
 
 @with_settings
 class FitSection(Section):
-    """Cost, solver, kind of starts and stop rules; the table of a solver's own name holds its settings."""
+    """Cost, solver, kind of starts and stop rules; the table of a solver's own name holds its settings.
+
+    ``stability_margin``: how far left of the imaginary axis, in 1/s, every fitted loop must have all its characteristic
+    roots (`mcstudy.fitting.stable`); without it a fit may end at an unstable loop.
+    """
 
     cost: Literal["paper", "ml"] = "paper"
     solver: Annotated[str, OneOf(solvers())] = "lm"
     starts: Literal["uniform", "latin_hypercube", "sobol", "linearised"] = "uniform"
     tolerance: float = Field(default=1e-12, gt=0, lt=1)
     max_iterations: int = Field(default=1000, ge=1, le=1_000_000)
+    stability_margin: Annotated[float, STABILITY_MARGIN] | None = None
 
     @property
     def settings(self) -> Section | None:
@@ -389,13 +396,14 @@ class FitSection(Section):
 
     def options(self) -> Options:
         """What the solver is handed."""
-        return Options(self.tolerance, self.max_iterations, self.settings)
+        return Options(self.tolerance, self.max_iterations, self.settings, self.stability_margin)
 
     @model_serializer(mode="wrap")
     def _without_unused(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Settings of a solver that is not used change no number: they do not enter the fingerprint."""
         unused = solvers().keys() - {self.solver}
-        return {name: value for name, value in dump(self).items() if name not in unused}
+        used = {name: value for name, value in dump(self).items() if name not in unused}
+        return without_defaults(self, used, ("stability_margin",))
 
 
 class EffectsSection(Section):
@@ -449,6 +457,16 @@ DEFAULT_MOST_STARTS = 1000
 
 class _Largest(int):
     """A number of starts that stands for `UNTIL_CERTAIN`, between two steps of validation."""
+
+
+AXES = ("fmax", "amplitude")
+"""Fields of a group that are lists of numbers."""
+
+
+def with_lists(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a group in which a number stands for a list of one."""
+    lists = {key: [fields[key]] for key in AXES if type(fields.get(key)) in (int, float)}
+    return {**fields, **lists}
 
 
 class Group(Section):

@@ -116,7 +116,10 @@ def spectral(group: Group, model: Model, bands: Bands, stream: Stream) -> Measur
         fits = fit(first, linearised(first, np.random.default_rng(), 1))  # the first start uses no random numbers
         return Measurement(*subject().frf(subject().through_loop(drawn(realization), fits.estimate[0]), amplitude))
 
-    return through_loop if group.spectra.covariance == "through_loop" else measure
+    def known(amplitude: float, realization: int) -> Measurement:
+        return Measurement(*subject().frf(subject().known(drawn(realization)), amplitude))
+
+    return {"even_lines": measure, "through_loop": through_loop, "true": known}[group.spectra.covariance]
 
 
 def time_domain(group: Group, model: Model, bands: Bands, stream: Stream) -> Measuring:

@@ -143,7 +143,9 @@ def _path(problem: Problem, theta: np.ndarray, iterations: int, store: GroupStor
     settings = store.layout.group.fit
     points = [Point(0, problem.cost(theta), theta, np.zeros_like(theta))]
     for k in range(1, iterations + 1):
-        prefix = fit(problem, theta[None], settings.solver, settings.options()._replace(max_iterations=k))
+        # As far as the last one nothing holds the loop stable.
+        free = settings.options()._replace(max_iterations=k, margin=None)
+        prefix = fit(problem, theta[None], settings.solver, free if k < iterations else settings.options())
         x = prefix.estimate[0]
         points.append(Point(k, float(prefix.cost[0]), x, x - points[-1].theta))
     return tuple(points)

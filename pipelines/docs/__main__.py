@@ -1,7 +1,7 @@
 """Build the documentation site: ``python -m pipelines.docs`` (needs the extra ``docs``).
 
 Warnings, broken links and numbers that no command has measured (`pipelines.measured`) are errors;
-``--numbers`` writes the measured numbers into the pages and builds nothing.
+``--numbers`` writes the measured numbers into the pages, ``--pictures`` the pictures of the README; both build nothing.
 
 Nothing is fetched: the site has no external fonts or scripts, and links to other sites are listed in
 ``external_links.txt`` beside it, not followed.
@@ -26,10 +26,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m pipelines.docs", description="Build the documentation site.")
     parser.add_argument("-o", "--out", type=Path, default=BUILD, help="folder to write; default build/docs")
     parser.add_argument("--numbers", action="store_true", help="write the measured numbers into the pages, and end")
+    parser.add_argument("--pictures", action="store_true", help="write the pictures of the README, and end")
     args = parser.parse_args(arguments)
     out = args.out.resolve()
     if args.numbers:
         return _write_numbers()
+    if args.pictures:
+        from pipelines.docs.pictures import write_pictures
+
+        write_pictures()
+        return 0
     if faults := [fault for page in measured.pages() for fault in measured.stale(page)]:
         print("\n".join(faults), file=sys.stderr)
         return 1

@@ -187,8 +187,9 @@ def _array(name: str, found: dict[str, Any], codecs: dict[str, Any]) -> dict[str
 
 def _array_attributes(name: str, found: dict[str, Any]) -> dict[str, Any]:
     known = {"long_name": TEXT, **BY_GROUP.get(name, {})}
-    if name == "status":  # without a search until certain no start is left out
-        states = [s for s in Status if s is not Status.NOT_NEEDED], list(Status)
+    if name == "status":  # only where starts are drawn until certain, or loops must be stable, are some left out
+        optional = (Status.NOT_NEEDED, Status.UNSTABLE)
+        states = [[s for s in Status if s not in gone] for gone in (optional, *((s,) for s in optional), ())]
         known["flag_values"] = {"enum": [[int(s) for s in all_] for all_ in states]}
         known["flag_meanings"] = {"enum": [" ".join(s.name.lower() for s in all_) for all_ in states]}
     properties = {key: known.get(key, {"const": value}) for key, value in found.items()}

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 import xarray as xr
 
-from mcstudy.analysis.show.answer import answer, best, determined, lost, main_group
+from mcstudy.analysis.determined import determined, lost
+from mcstudy.analysis.show.answer import answer, best, main_group
 from mcstudy.analysis.show.selection import Selection, selected
 from mcstudy.analysis.show.tables import Report, report_of
 from mcstudy.errors import InputError
@@ -44,7 +45,9 @@ def test_the_finding_counts_the_determined_parameters_of_the_best_condition(
     report: Report, cell: dict[str, Any]
 ) -> None:
     fitted = [p for p in cell["parameters"] if "at_lower_bound" in p]
-    assert f"{sum(map(determined, fitted))} of 12 parameters are determined" in " ".join(report.text().split())
+    on_bound = [p["at_lower_bound"]["value"] + p["at_upper_bound"]["value"] for p in fitted]
+    found = sum(determined(p["cv"]["value"], on) for p, on in zip(fitted, on_bound, strict=True))
+    assert f"{found} of 12 parameters are determined" in " ".join(report.text().split())
     errors = [
         sum(p["rmse"]["value"] / abs(p["truth"]) for p in c["parameters"])
         for c in report.data["groups"]["accuracy"]["cells"]
@@ -72,8 +75,7 @@ def test_bias_and_cv_are_those_of_the_tables_in_percent(report: Report, cell: di
 def test_a_parameter_is_determined_by_the_data_not_by_its_bounds(
     cv: float, on_bound: float, is_determined: bool, is_lost: bool
 ) -> None:
-    parameter = {"cv": {"value": cv}, "at_lower_bound": {"value": on_bound}, "at_upper_bound": {"value": 0.0}}
-    assert (determined(parameter), lost(parameter)) == (is_determined, is_lost)
+    assert (determined(cv, on_bound), lost(cv, on_bound)) == (is_determined, is_lost)
 
 
 def test_a_group_with_noise_answers(report: Report) -> None:

@@ -115,7 +115,7 @@ def test_a_study_grows_by_new_studies_and_every_mistake_is_one_line() -> None:
         (lambda: mc.Study("pilot"), "seed: missing"),
         (lambda: one.group("a", realizations=1), "group.a: the study already has a group of this name"),
         (lambda: empty.group("a", fmax=100), "group.a.realizations: missing"),
-        (lambda: empty.group("a", fmax=100, **least), "group.a.fmax: expected a list, got 100"),
+        (lambda: empty.group("a", fmax="100", **least), "group.a.fmax: expected a list, got '100'"),
         (lambda: empty.group("a", fmax=[100], **least), "group.a.fmax: expected at most 8.005 Hz"),
         (lambda: mc.plan(empty), "group: expected at least one, as Study.group(name, realizations=..."),
         (lambda: mc.run(empty, "nowhere.zarr"), "group: expected at least one"),

@@ -249,7 +249,7 @@ def test_plan_tells_cost_and_precision(study: Path) -> None:
 @pytest.fixture
 def no_drawings(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages are words alone: most of the time a page takes goes into figures."""
-    for name, result in (("drawn", None), ("_share", None), ("left_margin", 0.0), ("rendered", ("", {}))):
+    for name, result in (("drawn", None), ("share_axes", None), ("left_margin", 0.0), ("rendered", ("", {}))):
         monkeypatch.setattr(f"mcstudy.report.figure.{name}", lambda *_, result=result: result)
 
 
@@ -317,11 +317,13 @@ def test_one_realization_is_shown_with_what_it_cannot_tell(study: Path, tmp_path
     assert "No Monte Carlo errors and no spread from so few realizations: 5 N m, Fmax 1.2 Hz (1)." in text
 
 
-def test_an_unknown_verb_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as done:
-        main(["ruin"])
-    assert done.value.code == Exit.BAD_INPUT
-    assert "run" in capsys.readouterr().err
+def test_an_unknown_verb_is_refused_with_the_nearest() -> None:
+    assert refused("ruin").rstrip() == "mcstudy: ruin: expected a verb (similar: run); mcstudy --help lists them"
+
+
+def test_a_verb_of_the_gap_is_called_without_it(tmp_path: Path) -> None:
+    missing = tmp_path / "none.nc"
+    assert refused("diagnose", missing) == refused("gap", "diagnose", missing)
 
 
 def test_show_says_which_parameter_its_bounds_hold(tmp_path: Path) -> None:

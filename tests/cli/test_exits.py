@@ -1,4 +1,4 @@
-"""Exit codes: one list, which the help and the README repeat, and which every verb returns from."""
+"""Exit codes: one list, which the help and the page of the commands repeat, and which every verb returns from."""
 
 from __future__ import annotations
 
@@ -26,8 +26,10 @@ def test_help_of_the_command_and_of_a_verb_lists_them_all() -> None:
         assert f"exit codes: {exit_codes()}" in " ".join(done.stdout.split())
 
 
-def test_the_readme_says_the_same() -> None:
-    (line,) = re.findall(r"^Exit codes: .*?\.$", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE)
+def test_the_page_of_the_commands_says_the_same() -> None:
+    (line,) = re.findall(
+        r"^Exit codes: .*?\.$", (ROOT / "pipelines/docs/command_line.md").read_text(), re.DOTALL | re.MULTILINE
+    )
     assert " ".join(line.split()) == f"Exit codes: {exit_codes()}."
 
 

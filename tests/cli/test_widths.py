@@ -48,7 +48,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ["show", "cube.zarr"],
         ["show", "cube.zarr", "--all"],
         ["show", "cube.zarr", "--starts"],
-        ["show", "cube.zarr", "--paper"],
         ["show", "cube.zarr", "--fmax", "1.2", "--parameter", "K11"],
         ["show", "cube.zarr", "--compare", "cube.zarr"],
         ["status", "cube.zarr"],

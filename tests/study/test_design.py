@@ -73,7 +73,7 @@ def test_its_cube_opens_shows_and_verifies(tmp_path: Path) -> None:
     out = tmp_path / "built.zarr"
     run_study(built(), out, ClusterOptions(workers=1))
     assert Cube.open(out).study == parse_study(TEXT)
-    assert "Group noisy" in show(out).text()
+    assert "Group noisy" in show(out).details()
     for verb in ("status", "verify", "show"):
         assert main([verb, str(out)]) == Exit.DONE
     file = tmp_path / "built.toml"
@@ -89,8 +89,8 @@ HEAD = {"name": "x", "seed": 1}
 
 MISTAKES: list[tuple[Callable[[], object], str]] = [
     (
-        lambda: Study(study=HEAD, group={"g": group(fmax=100.0)}),  # type: ignore[arg-type]
-        "group.g.fmax: expected a list, got 100.0",
+        lambda: Study(study=HEAD, group={"g": group(fmax="100")}),  # type: ignore[arg-type]
+        "group.g.fmax: expected a list, got '100'",
     ),
     (
         lambda: Study(study=HEAD, group={"g": group(fmax=[100.0])}),  # type: ignore[arg-type]

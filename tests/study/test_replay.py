@@ -111,10 +111,12 @@ def test_one_changed_bit_is_found(copy: Path, capsys: pytest.CaptureFixture[str]
     assert f"differs from the stored fit ({name}" in capsys.readouterr().out
 
 
-def test_the_command_in_the_readme_chooses_one_fit_of_the_papers_study(
+def test_the_command_in_the_documentation_chooses_one_fit_of_the_papers_study(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (command,) = re.findall(r"`mcstudy (replay OUT [^`]*)`", (Path(__file__).parents[2] / "README.md").read_text())
+    (command,) = re.findall(
+        r"`mcstudy (replay OUT [^`]*)`", (Path(__file__).parents[2] / "pipelines/docs/command_line.md").read_text()
+    )
     out = Cube.create(tmp_path / "paper.zarr", read_study("goodworth2018")).path
     assert main(command.replace("OUT", str(out)).split()) == Exit.BAD_INPUT
     assert "expected a finished fit, but this one has not been run yet" in capsys.readouterr().err

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from mcstudy.analysis.determined import DETERMINED, LOST, determined, lost
 from mcstudy.analysis.publications.publication import cited
 from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL
 from mcstudy.analysis.show.sweeps import sweep_text, sweeps_of
 from mcstudy.analysis.show.text import (
-    OFTEN,
     condition,
     entry_with_error,
     incomplete,
@@ -24,12 +24,6 @@ from mcstudy.text_tables import fill, folded, number, table
 Entry = dict[str, Any]
 """A group, a cell, or a parameter of a cell, of the tables."""
 
-DETERMINED = 0.2
-"""Largest CV of a parameter that counts as determined, as in the paper."""
-
-LOST = 0.5
-"""CV, and share of estimates on a bound, from which a parameter counts as not determined."""
-
 LISTED = 8
 """Most names in a list, and conditions of one kind, of the first screen."""
 
@@ -40,9 +34,7 @@ def answer(data: Entry) -> str:
         return _of_sweeps(data)
     name = main_group(data)
     group = data["groups"][name]
-    noisy = group["design"]["simulator"] != "none"
-    named = f"group {name}, " if len(data["groups"]) > 1 else ""
-    found = _of_noise(named, group) if noisy else _without_noise(name, group)
+    found = [fill(finding(data)), *_of_noise(group)] if group["design"]["noise"] else _without_noise(name, group)
     warnings = [note for g in data["groups"].values() for note in g["notes"] if note.startswith("Warning")]
     parts = [_head(data), *map(fill, [*filter(None, [incomplete(data)]), *dict.fromkeys(warnings)]), *found]
     return folded("\n".join([*parts, *_publication(data), _further(data, name)]))
@@ -64,18 +56,6 @@ def main_group(data: Entry) -> str:
     return max((name for name, g in data["groups"].items() if "cell" not in g), key=size)
 
 
-def determined(parameter: Entry) -> bool:
-    """Whether the CV is below 20 %, and not because of the bounds of the fit."""
-    cv = parameter["cv"]["value"]
-    return cv is not None and cv < DETERMINED and (share_on_bounds(parameter) or 0.0) < OFTEN
-
-
-def lost(parameter: Entry) -> bool:
-    """Whether half of the estimates lie on a bound, or they scatter by half of the true value."""
-    cv = parameter["cv"]["value"]
-    return cv is None or cv >= LOST or (share_on_bounds(parameter) or 0.0) >= LOST
-
-
 def best(cells: list[Entry]) -> Entry:
     """The condition whose estimates are nearest to the truth: least mean of their relative RMS errors."""
 
@@ -93,7 +73,17 @@ def _fitted(cell: Entry) -> list[Entry]:
 
 def _score(cell: Entry) -> str:
     fitted = _fitted(cell)
-    return f"{sum(map(determined, fitted))} of {len(fitted)}"
+    return f"{_count(fitted)} of {len(fitted)}"
+
+
+def _count(parameters: list[Entry]) -> int:
+    """How many are determined."""
+    return sum(determined(*_held(p)) for p in parameters)
+
+
+def _held(parameter: Entry) -> tuple[float | None, float]:
+    """CV, and share of the estimates on a bound."""
+    return parameter["cv"]["value"], share_on_bounds(parameter) or 0.0
 
 
 def _head(data: Entry) -> str:
@@ -104,18 +94,29 @@ def _head(data: Entry) -> str:
     return fill(f"{data['study']['title']}: {fits:,} fits of {models} (true values: {truths})")
 
 
-def _of_noise(named: str, group: Entry) -> Iterator[str]:
+def finding(data: Entry) -> str:
+    """What the best condition determines, in one sentence; empty where no group has noise."""
+    name = main_group(data)
+    group = data["groups"][name]
     design, cells = group["design"], group["cells"]
+    if not design["noise"]:
+        return ""
     cell = best(cells)
+    named = f"group {name}, " if len(data["groups"]) > 1 else ""
     which = f" ({named}the best of {len(cells)} conditions)" if len(cells) > 1 else ""
     bias, spread = cell["mean_absolute_bias_percent"], cell["mean_spread_percent"]
-    yield fill(
+    return (
         f"At {condition(cell, design)}{which} {_score(cell)} parameters are determined (CV below "
         f"{100 * DETERMINED:.0f} %): mean |bias| {entry_with_error(bias)} % (chance alone "
         f"{number(bias['floor'], 2)}), mean SD {number(spread['value'], 2)} %."
     )
+
+
+def _of_noise(group: Entry) -> Iterator[str]:
+    design, cells = group["design"], group["cells"]
+    cell = best(cells)
     yield f"\n{_parameters(cell)}"
-    missing = [_why(p) for p in cell["parameters"] if lost(p)]
+    missing = [_why(p) for p in cell["parameters"] if lost(*_held(p))]
     if missing:
         yield fill(f"Not determined: {_listed(missing)}.", "  ")
     yield fill(f"Starts needed in 9 of 10 realizations: {_starts(cell, cells)}.", "  ")
@@ -158,7 +159,7 @@ def _by_fmax(cells: list[Entry], design: Entry) -> str:
     """How many parameters each condition determines."""
     of = len(_fitted(cells[0]))
     counts = [
-        ", ".join(str(sum(map(determined, _fitted(c)))) for c in cells if c["amplitude"] == amplitude)
+        ", ".join(str(_count(_fitted(c))) for c in cells if c["amplitude"] == amplitude)
         + f" of {of} ({amplitude:g} {design['amplitude_unit']})"
         for amplitude in design["amplitude"]
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from mcstudy.analysis.determined import OFTEN
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.publications.publication import cited
 from mcstudy.analysis.publications.verdict_names import AGREES, LIMIT
@@ -322,12 +323,8 @@ def _parameters(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
     return shown + _NO_BOUND * (efficient and without) + _BOXED * boxed + _FIXED * fixed
 
 
-OFTEN = 0.05
-"""Fraction of estimates on a bound from which their median and quantiles are printed, too."""
-
-
 def _on_bounds(design: dict[str, Any], cells: list[dict[str, Any]]) -> str:
-    """Median, MAD and quantiles of the parameters whose estimates are often on a bound; empty if there are none."""
+    """Median, MAD and quantiles of the parameters of those that are often on a bound; empty if there are none."""
 
     def columns(p: dict[str, Any]) -> list[str]:
         ends = [number(_scaled(p[f"quantile_{q}"]["value"], percent_of_truth(p)), 3) for q in ("05", "95")]

@@ -42,6 +42,13 @@ VERBS = {
 }
 """Verbs of this package and their one-line help; ``x-y`` lives in ``mcstudy.cli.verbs.x_y``."""
 
+SHORT = {
+    "diagnose": "find where the model fails a recording, and which missing effect explains it (gap diagnose)",
+    "compare": "find what differs between two groups of people (gap compare)",
+    "next": "rank possible next trials by what they would tell of the cause (gap next)",
+}
+"""Verbs below ``gap`` that are also called without it, and their one-line help."""
+
 RESUMED = ("run", "extend", "design")
 """Those that continue from where they were stopped when they are given again."""
 
@@ -72,6 +79,13 @@ def module(verb: str) -> Any:
     import importlib
 
     return importlib.import_module(f"{__name__}.{verb.replace('-', '_')}") if verb in VERBS else added()[verb]
+
+
+def listed() -> dict[str, str]:
+    """The verbs as the help lists them: those of one experiment, of one recording, and the others."""
+    every = verbs() | SHORT
+    first = ("run", "show", "report", "figure", "import", "fit", *SHORT, "design", "solve")
+    return {name: every[name] for name in (*first, *(name for name in every if name not in first))}
 
 
 def is_verb(word: str) -> bool:

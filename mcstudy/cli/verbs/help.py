@@ -15,6 +15,7 @@ IN_WHEEL = ("pipelines", "results_schema")
 """Folders of pages that `mcstudy.files.packaged` finds."""
 
 TOPICS = {
+    "words": ("cube, start, Fmax, bias, MCSE, gap: what each word means", "pipelines/docs/words.md"),
     "studies": ("every field of a study file, and what each shipped study answers", "pipelines/README.md"),
     "models": ("a model of your own: every field of a model file", "pipelines/examples/own_model.md"),
     "paper": ("reproduce the paper, figure by figure", "pipelines/reproduce.md"),
@@ -51,7 +52,7 @@ def main(args: argparse.Namespace) -> Exit:
 
     from mcstudy.cli.markdown import as_text
     from mcstudy.cli.parser import parser_of
-    from mcstudy.cli.verbs import module, verbs
+    from mcstudy.cli.verbs import SHORT, module, verbs
     from mcstudy.errors import InputError
     from mcstudy.text_tables import fill, table
 
@@ -60,7 +61,7 @@ def main(args: argparse.Namespace) -> Exit:
         print(fill("\nmcstudy help TOPIC prints a page, mcstudy help VERB the options of a verb and its page."))
         print(fill(f"Verbs: {', '.join(verbs())}"))
         return Exit.DONE
-    word, *below = args.topic
+    word, *below = ["gap", *args.topic] if args.topic[0] in SHORT else args.topic
     topic = getattr(module(word), "TOPIC", word) if word in verbs() else word
     if word not in verbs() and (below or topic not in TOPICS):
         near = ", ".join(difflib.get_close_matches(word, [*TOPICS, *verbs()], n=3))

@@ -12,6 +12,7 @@ require_matplotlib()
 
 from mcstudy.report.figures.accuracy import bias_bars, cv_bars, influence_shares, sensitivity_bars  # noqa: E402 - after the check
 from mcstudy.report.figures.by_fmax import statistic_by_fmax  # noqa: E402
+from mcstudy.report.figures.determined import determined_dots  # noqa: E402
 from mcstudy.report.figures.efficiency import efficiency_dots  # noqa: E402
 from mcstudy.report.figures.estimates import parameter_bars  # noqa: E402
 from mcstudy.report.figures.optimiser import basin_atlas, bias_by_starts, cv_by_starts  # noqa: E402
@@ -49,6 +50,7 @@ __all__ = [
     "correlation_map",
     "cv_bars",
     "cv_by_starts",
+    "determined_dots",
     "efficiency_dots",
     "estimate_scatter",
     "frf_gain",

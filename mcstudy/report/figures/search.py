@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from mcstudy.analysis.neural import j_nc
+from mcstudy.analysis.search.convergence import starts_needed_quantiles
 from mcstudy.analysis.search.minimum_curve import average_curve, minimum_curve
 from mcstudy.analysis.selection import attempted, usable
 from mcstudy.analysis.view import GroupView
@@ -110,6 +111,7 @@ def _points(pool: int) -> np.ndarray:
 def starts_curve(data: GroupLike, fmax: float | None = None, ax: Axes | None = None) -> Axes:
     """Fig. 3B: expected lowest cost of x starts, mean over realizations ± MCSE, one curve per amplitude.
 
+    Dots: the starts needed, with which nine of ten realizations are 95 % sure of their lowest minimum.
     Call it with several groups on the same axes: the paper's figure is two groups with noise and one without.
     """
     view, ax = view_of(data), axes(ax)
@@ -117,11 +119,16 @@ def starts_curve(data: GroupLike, fmax: float | None = None, ax: Axes | None = N
     pool = view.cube.sizes["start"]
     drawn = _points(pool)
     curve = curve_of(view).sel(fmax=f, drawn=drawn)
+    needed = starts_needed_quantiles(view.needed, (0.9,))["value"].sel(fmax=f).squeeze("quantile")
     for a in curve["amplitude"].values:
         line = curve.sel(amplitude=a)
         i = len(ax.lines)
         colour = SERIES[i % len(SERIES)]
-        ax.plot(drawn, line["value"], color=colour, linestyle=DASHES[i % len(DASHES)], label=amplitude_label(view, a))
+        n = float(needed.sel(amplitude=a))
+        label = amplitude_label(view, a) + (f": {n:.0f} needed" if np.isfinite(n) else "")
+        ax.plot(drawn, line["value"], color=colour, linestyle=DASHES[i % len(DASHES)], label=label)
+        if n <= pool:
+            ax.scatter([n], np.interp([n], drawn, line["value"]), color=colour, s=36.0, zorder=3)
         low = np.maximum(line["value"] - line["mcse"].fillna(0.0), 0.5 * line["value"])
         ax.fill_between(drawn, low, line["value"] + line["mcse"].fillna(0.0), color=colour, alpha=0.2, linewidth=0)
     log_axis(ax.yaxis)

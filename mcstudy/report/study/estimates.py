@@ -26,6 +26,29 @@ from mcstudy.text_tables import Table, with_error
 NO_NOISE_GROUP = "no group with noise has more than one realization"
 
 
+def determined_figure(context: Context) -> Figure | Missing:
+    """What the experiment tells of every parameter."""
+    view, title = context.accuracy, "What this experiment tells"
+    if view is None:
+        return Missing(title, NO_NOISE_GROUP, "determined")
+    amplitude = largest_amplitude(view)
+    fmaxes = [f for a, f in conditions(view) if a == amplitude]
+    return Figure(
+        "determined",
+        title,
+        [
+            "Mean ± SD of the best fits about the true value. Determined: the coefficient of variation (CV) is below "
+            "20 % and hardly any estimate is on a bound of the fit; not: half of the estimates are on a bound, or the "
+            "CV is 50 % or more.",
+        ],
+        [
+            Panel(cell_label(view, amplitude, f), partial(figures.determined_dots, view, f, amplitude), (4.3, 4.2), "x")
+            for f in fmaxes
+        ],
+        python=f'figures.determined_dots(tree["{view.name}"], fmax={fmaxes[-1]:g}, amplitude={amplitude:g})',
+    )
+
+
 def estimate_figures(context: Context) -> list[Figure | Missing]:
     """Fitted responses, estimates, their bias and variability, and the influence of the parameters."""
     view = context.accuracy

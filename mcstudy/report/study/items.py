@@ -7,7 +7,13 @@ from collections.abc import Iterator
 from mcstudy.analysis.view import GroupView
 from mcstudy.report.figure import Figure, Missing
 from mcstudy.report.study.context import Context
-from mcstudy.report.study.estimates import efficiency_figure, estimate_figures, estimates, statistic_figures
+from mcstudy.report.study.estimates import (
+    determined_figure,
+    efficiency_figure,
+    estimate_figures,
+    estimates,
+    statistic_figures,
+)
 from mcstudy.report.study.pairs import pairs_figure
 from mcstudy.report.study.search import minima_figures, search_figures
 from mcstudy.report.study.signals import signal_figures
@@ -17,7 +23,7 @@ from mcstudy.report.study.standard_errors import zipper_figures
 def main_figures(context: Context) -> list[Figure | Missing]:
     """Signals, starts, estimates and minima of the study."""
     main = context.accuracy
-    items = [*signal_figures(context), *search_figures(context), *estimate_figures(context)]
+    items = [determined_figure(context), *signal_figures(context), *search_figures(context), *estimate_figures(context)]
     items += [pairs_figure(context), *minima_figures(context)]
     if main is not None:
         items += [efficiency_figure(main), *zipper_figures(main), *statistic_figures(main)]

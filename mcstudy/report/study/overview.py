@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from mcstudy.analysis.correlation import correlation
 from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL
+from mcstudy.analysis.show.answer import finding
 from mcstudy.analysis.show.missed_minimum import missed_words
 from mcstudy.analysis.view import GroupView
 from mcstudy.fitting.certainty import MISSED
@@ -24,8 +25,8 @@ Tile = tuple[str, str, str, str]
 
 
 def overview(context: Context) -> Markup:
-    """One sentence on the question and a tile for each main result."""
-    return paragraphs([_question(context)]) + tiles(_tiles(context))
+    """The finding, the question, and a tile for each main result."""
+    return paragraphs([finding(context.data), _question(context)]) + tiles(_tiles(context))
 
 
 def _question(context: Context) -> str:

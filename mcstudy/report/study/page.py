@@ -67,9 +67,9 @@ def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -
     if companions and not sections:
         raise InputError("--beside: expected a publication that shows further results, none is installed")
     parts = [
+        *_main_figures(context),
         ("model", "The model", model_html(context)),
         ("published", comparison_title(context.data), headline(context)),
-        *_main_figures(context),
         ("compared", "Groups compared", _traced(comparison_html(context))),
         *_other_groups(context),
         *[(f.key, f.title, _figures(context, [f])) for f in sweep_figures(context)],
@@ -94,12 +94,15 @@ def _traced(content: Markup) -> Markup:
 def _main_figures(context: Context) -> list[Section]:
     """Figures of the study: those that the publication has too, and the others."""
     items, publication = main_figures(context), context.publication
+    first, *items = items
+    top = ("tells", first.title, _figures(context, [first]))
     numbered = [f for f in items if publication.counterparts.get(f.key, ALONE).number]
     if not numbered:
-        return [("figures", "Figures", _figures(context, items))]
+        return [top, ("figures", "Figures", _figures(context, items))]
     name = publication.name
     others = [f for f in items if f not in numbered]
     return [
+        top,
         ("figures", f"{name[0].upper()}{name[1:]}'s figures from this study", _figures(context, numbered)),
         ("beyond", f"Beyond {name}", _figures(context, others)),
     ]

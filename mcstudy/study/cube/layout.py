@@ -250,7 +250,8 @@ def _add_results(add: Callable[..., None], group: Group, model: Model) -> None:
     by_parameter = cell + " parameter"
     add("frf", data, "<c16", COMPLEX_NAN, per_unit, "FRF that was fitted")
     if group.simulator != "none":
-        covariance = "covariance E[r r^H] of the FRF's errors, estimated from the record"
+        origin = "the true one" if group.spectra.covariance == "true" else "estimated from the record"
+        covariance = f"covariance E[r r^H] of the FRF's errors, {origin}"
         add("noise_covariance", data + " angle_2", "<c16", COMPLEX_NAN, f"({per_unit})2", covariance)
     add("initial", by_parameter, "<f8", NAN, per_parameter, "parameters the fit started from")
     add("estimate", by_parameter, "<f8", NAN, per_parameter, "parameters the fit ended at")
@@ -263,6 +264,8 @@ def _add_results(add: Callable[..., None], group: Group, model: Model) -> None:
     if group.store.standard_errors:
         error = "standard error of the best fit's estimate; NaN on a bound"
         add("standard_error", "amplitude fmax realization parameter", "<f8", NAN, per_parameter, error)
-    states = [s for s in Status if s is not Status.NOT_NEEDED or group.until_certain]
+    held = group.fit.stability_margin is not None
+    optional = {Status.NOT_NEEDED: group.until_certain, Status.UNSTABLE: held}
+    states = [s for s in Status if optional.get(s, True)]
     flags = {"flag_values": [int(s) for s in states], "flag_meanings": " ".join(s.name.lower() for s in states)}
     add("status", cell, "|u1", 0, "1", "how the fit ended; pending is a fit that has not been run", **flags)

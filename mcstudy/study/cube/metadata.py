@@ -53,10 +53,13 @@ def whole_document(path: Path) -> dict[str, Any]:
     try:
         document = json.loads(real_bytes(path / "zarr.json", LARGEST_METADATA))
     except NotADirectoryError:
+        study = f"; to run a study: mcstudy run {path} -o {path.with_suffix('.zarr')}" if path.suffix == ".toml" else ""
         packed = f"; unpack it first: unzip {path} -d {path.with_suffix('.zarr')}" if path.suffix == ".zip" else ""
-        raise StoreError(f"{path}: expected the folder of a results cube, found a file{packed}") from None
+        raise StoreError(f"{path}: expected the folder of a results cube, found a file{packed}{study}") from None
     except OSError as error:
-        raise StoreError(f"{path / 'zarr.json'}: expected a results cube ({error.strerror})") from None
+        near = Path(f"{path}.zarr")
+        hint = f"; similar: {near}" if near.exists() else ""
+        raise StoreError(f"{path / 'zarr.json'}: expected a results cube ({error.strerror}){hint}") from None
     except (ValueError, RecursionError):
         raise StoreError(f"{path / 'zarr.json'}: expected a JSON document") from None
     if not isinstance(document, dict) or not isinstance(document.get("attributes", {}), dict):

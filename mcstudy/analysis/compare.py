@@ -242,12 +242,11 @@ def _shares(cells: xr.Dataset, paired: bool) -> xr.Dataset:
 
 
 def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset, paired: bool) -> xr.Dataset | None:
-    """FRFs at the common frequencies up to each Fmax; None for cubes without FRFs, and for those of several stimuli."""
-    if any("frf" not in view.cube or len(view.model.stimulus_names) > 1 for view in (reference, other)):
+    """FRFs under the common stimuli, at the common frequencies up to each Fmax; None for cubes without."""
+    if any("frf" not in view.cube for view in (reference, other)):
         return None
-    data = [view.cube[["frf", "true_frf"]].reset_coords(drop=True) for view in (reference, other)]
-    pair = _side_by_side(data, paired).sel(amplitude=cells["amplitude"])
-    if pair.sizes["frequency"] == 0:
+    pair = _side_by_side([_by_stimulus(view) for view in (reference, other)], paired).sel(amplitude=cells["amplitude"])
+    if not pair.sizes["frequency"] * pair.sizes["stimulus"]:
         return None
     pair = pair.sel(realization=cells["realization"]).compute()
     relative = pair["frf"] / pair["true_frf"]
@@ -262,9 +261,16 @@ def _frf(reference: GroupView, other: GroupView, cells: xr.Dataset, paired: bool
     def statistic(m: Moments[xr.DataArray]) -> xr.DataArray:
         measures = {"frf_error": (m.mean - m.truth) ** 2, "frf_spread": m.sd**2}
         size = 100 * _named(measures).sum("part", skipna=False) ** 0.5
-        return size.mean("angle").where(inside).mean("frequency")
+        return size.mean("angle").where(inside).mean("frequency").mean("stimulus")
 
     return _difference(x, truth, statistic, paired)
+
+
+def _by_stimulus(view: GroupView) -> xr.Dataset:
+    """FRFs with a dimension of stimuli, under each of which the cube has every frequency in turn."""
+    names, data = view.model.stimulus_names, view.cube[["frf", "true_frf"]].reset_coords(drop=True)
+    each = [data.isel(frequency=slice(k, None, len(names))) for k in range(len(names))]
+    return xr.concat(each, dim=xr.DataArray(list(names), dims="stimulus", name="stimulus"))
 
 
 def comparisons_with(study: StudyView, reference: StudyView, name: str) -> tuple[list[Comparison], dict[str, str]]:

@@ -12,10 +12,10 @@ from mcstudy.identification.people.fits import Known, fit_members
 from mcstudy.identification.people.members import members
 from mcstudy.identification.settings import FitSettings
 from mcstudy.identification.study_design import study_of
+from mcstudy.recordings.columns import ModelLike, model_of
 from mcstudy.results.fit import FitResult
 from mcstudy.results.group_result import GroupResult
 from mcstudy.scheduler.cluster import ClusterOptions
-from mcstudy.stance.feedback import Model
 from mcstudy.study.design import Study
 
 
@@ -31,7 +31,7 @@ def fit_group(
     quantities: Sequence[str] | Mapping[str, Any] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     level: float = 0.95,
-    model: Model | None = None,
+    model: ModelLike | None = None,
     fmax: float | None = None,
     discard: int | None = None,
     accept: Iterable[str] = (),
@@ -83,7 +83,7 @@ def fit_group(
         quantities=quantities,
         bounds=bounds,
         level=level,
-        model=model,
+        model=model_of(model),
         fmax=fmax,
         discard=discard,
         accept=accept,

@@ -26,6 +26,13 @@ def add_study_argument(parser: Parser) -> None:
     parser.add_argument("study", type=Path, help="study file (.toml), or the name of a shipped study (mcstudy studies)")
 
 
+def add_other_model_argument(parser: Parser, of: str) -> None:
+    """A model instead of the one that a file names."""
+    parser.add_argument(
+        "--model", metavar="NAME|FILE", help=f"a model (`mcstudy models`, or a .toml) instead of that of {of}"
+    )
+
+
 def add_out_argument(parser: Parser, metavar: str, text: str, *, dest: str = "out", required: bool = False) -> None:
     """What a verb writes."""
     names = ("-o", "--out", "--output")
@@ -93,7 +100,7 @@ def stable_study(args: argparse.Namespace) -> Study:
     from mcstudy.errors import DesignError
     from mcstudy.study.study_file import read_study
 
-    study = read_study(args.study)
+    study = read_study(args.study, getattr(args, "model", None))
     from mcstudy.study.instability import refuse_unstable
     from mcstudy.study.kernels import compile_for_check  # numba is slow to import; report a bad file first
 

@@ -183,7 +183,9 @@ def body_with_effects(
     theta = np.concatenate([np.asarray(theta, dtype=float), added])
     if not float(growth_rate(augmented, theta)) < 0:
         listed = ", ".join(f"{k} = {v:.4g}" for k, v in sizes.items())
-        raise FallsError(f"the closed loop is unstable with {listed or 'these parameters'}, so the body would fall")
+        raise FallsError(
+            f"the closed loop is unstable with {listed or 'these parameters'}, so there is no steady state"
+        )
     return augmented, theta
 
 

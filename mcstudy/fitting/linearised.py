@@ -223,6 +223,15 @@ def _constant_filters(table: Table, s: np.ndarray) -> np.ndarray:
     return sides[:, 0] / sides[:, 1]
 
 
+def linear(model: Model) -> bool:
+    """Whether gains and delays of a model enter as these starts need."""
+    try:
+        require_linear(model)
+    except ModelError:
+        return False
+    return True
+
+
 def require_linear(model: Model) -> None:
     """Raise `ModelError` for a model whose gains and delays do not enter as these starts need."""
     if model.outputs:

@@ -91,6 +91,8 @@ def correction(jacobian: np.ndarray, gradients: np.ndarray, draws: Draws) -> Cor
     K = len(gradients)
     factor, dof = np.ones(K), np.full(K, KNOWN_DOF)
     free = np.flatnonzero(gradients.any(axis=1))  # the others are held by bounds at the estimate
+    if not jacobian.size:
+        return Correction(factor, dof, draws.exact_deviance if draws.known else draws.deviance)
     known, estimated = _both_fits(jacobian, gradients[free], draws)
     if draws.known:
         return Correction(factor, dof, known.chi2)

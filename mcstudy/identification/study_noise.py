@@ -122,7 +122,7 @@ def fitted_noise(fitted: FitRecord) -> tuple[FittedNoise, np.ndarray]:
     level = levels(minimum.x)[0]
     parts = [np.exp(x) for x in np.split(minimum.x, ends)]
     density = np.zeros((response.shape[2], knots.size))
-    density[sensors] = parts[: sensors.size]
+    density[sensors] = np.reshape(parts[: sensors.size], (-1, knots.size))
     density *= as_shown(model.unit)[0] ** 2
     per = np.array([as_shown(unit)[0] for unit in model.output_units])
     white = np.sqrt(np.array([float(x[0]) for x in parts[sensors.size :]]) * recording.rate_hz / 2)

@@ -61,7 +61,7 @@ def read_model(name: str | Path, folder: Path | None = None) -> ModelTable:
     """
     if str(name).endswith(".toml"):
         path = local_path(name)
-        return read_model_file(path if folder is None else folder / path)
+        return read_model_file(path, follow=True) if folder is None else read_model_file(folder / path)
     known = names()
     if str(name) not in known:
         raise DesignError(
@@ -71,14 +71,21 @@ def read_model(name: str | Path, folder: Path | None = None) -> ModelTable:
     return known[str(name)]()
 
 
-def read_model_file(path: Path) -> ModelTable:
-    """The table of a model file, checked; raises `DesignError`, one line that names the file and the field."""
+def read_model_file(path: Path, *, follow: bool = False) -> ModelTable:
+    """The table of a model file, checked; raises `DesignError`, one line that names the file and the field.
+
+    ``follow``: the file may be a study's, which names its model instead of holding it.
+    """
     text = read_text(path, "model file")
     try:
-        raw = parse_toml(text, "model file")
-        if not isinstance(raw.get("model"), dict):
+        given = parse_toml(text, "model file").get("model")
+        if follow and (isinstance(given, str) or (isinstance(given, dict) and "kind" in given)):
+            given = spelled_out(given, path.parent)
+            if (kind := given.pop("kind")) != DECLARED:
+                raise DesignError(f"model: expected a declared model, got {kind}: mcstudy models {kind}")
+        if not isinstance(given, dict):
             raise DesignError("model: missing, expected a table [model] with joints, term and parameter")
-        return checked_table(raw["model"])
+        return checked_table(given)
     except DesignError as error:
         raise DesignError(f"{path}: {error}") from None
 

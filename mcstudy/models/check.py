@@ -24,6 +24,9 @@ EQUAL, SLOPES = 1e-9, 1e-4
 STEP = 1e-5
 """Of the differences, relative to the parameter."""
 
+ROUNDING = 1e-13
+"""Of a response, relative; over the step it is the error that rounding leaves in a difference."""
+
 STILL = 1e-12
 """Relative change of the response over the bounds of a parameter that moves nothing."""
 
@@ -107,7 +110,8 @@ def check_response(table: ModelTable, f: np.ndarray = FREQUENCIES) -> tuple[floa
             raise DesignError(
                 f"parameter.{p.name}: expected a parameter that moves the response, got one that does not"
             )
-        worst = max(worst, float(np.abs(slope[..., i] - difference).max() / np.abs(slope[..., i]).max()))
+        off = np.abs(slope[..., i] - difference) - ROUNDING / step * np.abs(H)
+        worst = max(worst, float(off.max() / np.abs(slope[..., i]).max()))
     if not worst <= SLOPES:
         raise DesignError(f"term: expected the derivatives of the independent evaluation, got {worst:.2g} beside them")
     return apart, worst

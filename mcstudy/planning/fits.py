@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcstudy.fitting.linearised import linearised_many
+from mcstudy.fitting.linearised import linear, linearised_many
 from mcstudy.fitting.problem import Problem, ml_cost, paper_cost
 from mcstudy.fitting.solvers import fit_queue
 from mcstudy.fitting.status import USABLE
@@ -85,7 +85,8 @@ class Fitter:
         """Kinds of controls that the group allows."""
         if self.group.simulator != "spectral":
             return ()
-        return (TRUTH,) if self.model.weights or self.group.fit.starts == LINEARISED else (TRUTH, LINEARISED)
+        other = self.model.weights or self.group.fit.starts == LINEARISED or not linear(self.model)
+        return (TRUTH,) if other else (TRUTH, LINEARISED)
 
     @property
     def spent(self) -> Spent:
@@ -166,7 +167,7 @@ class Fitter:
         return experiment, self._problems(design, experiment, law.draw(normal, design.amplitude))
 
     def _problems(self, design: Design, experiment: Experiment, frfs: np.ndarray) -> list[Problem]:
-        n = len(experiment.bands.below(design.fmax))
+        n = experiment.points[design.fmax]
         f = experiment.f[:n]
         if self.group.fit.cost == "paper":
             return [paper_cost(self.model, f, x[:n]) for x in frfs]

@@ -22,9 +22,10 @@ def linear_values(fitter: Fitter, design: Design, target: Target) -> tuple[float
     if target.mcse or target.measure.signed or not fitter.controls:
         return np.nan, np.nan
     model, law = fitter.model, fitter.law(design.cycles)
-    f = fitter.experiment(design.cycles).bands.below(design.fmax).f
-    n = f.size
-    joint = law.joint[: 2 * n, : 2 * n] / design.amplitude**2
+    experiment = fitter.experiment(design.cycles)
+    f = experiment.f[: experiment.points[design.fmax]]
+    size = f.size * law.mean.shape[1]
+    joint = law.joint[:size, :size] / design.amplitude**2
     slope = target.quantity.gradient(model.truth)
     unit = target.factor / (abs(target.truth) if target.measure.relative else 1.0)
     try:

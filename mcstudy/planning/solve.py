@@ -59,7 +59,8 @@ def solve_study(
     name, section = _group(study, group)
     model = build_model(section)
     asked = parse_targets(model, targets)
-    space = space_of(section, stimulus(section, section.amplitude[0]).period_s, over, cost)
+    seconds = len(model.stimulus_names) * stimulus(section, section.amplitude[0]).period_s
+    space = space_of(section, seconds, over, cost)
     by_number = tuple(t for t in asked if t.mcse and REALIZATIONS in space.over)
     by_design = tuple(t for t in asked if t not in by_number)
     _check_sense(space, by_number, by_design)
@@ -124,8 +125,6 @@ def _group(study: Study, name: str | None) -> tuple[str, Group]:
         raise InputError(f"group: expected one of {', '.join(study.groups)}, got {name!r}")
     group = study.groups[name]
     model = build_model(group)
-    if len(model.blocks) > 1:
-        raise InputError(f"group {name}: expected a model with one stimulus, got {', '.join(model.stimulus_names)}")
     if not noisy_outputs(group, model):
         raise InputError(f"group {name}: expected noise on all outputs; without noise every design is as good")
     if group.until_certain:

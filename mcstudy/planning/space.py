@@ -1,8 +1,8 @@
 """The designs that are allowed, and what each costs.
 
 ``cycles`` and ``amplitude`` have a smallest and a largest value, ``fmax`` a list. An axis that is not named keeps the
-value of the study. The cost of a design is its recording time, cycles times the duration of a cycle; of designs with
-equal time the one with the smaller amplitude is cheaper. A formula of the user's may replace that.
+value of the study. The cost of a design is its recording time, cycles times the duration of a cycle, for each stimulus;
+of designs with equal time the one with the smaller amplitude is cheaper. A formula of the user's may replace that.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ class Space:
     ----------
     cycles, amplitude: smallest and largest value, equal where they are not searched. fmax: values, Hz.
     realizations: smallest and largest number, None where they are not searched.
-    over: names of the axes that are searched. period_s: duration of a cycle. discard: cycles that are not used.
+    over: names of the axes that are searched. period_s: duration of a cycle, under all stimuli in turn.
+    discard: cycles that are not used.
     formula: cost in text, None for the recording time.
     """
 

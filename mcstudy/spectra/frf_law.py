@@ -15,6 +15,7 @@ from scipy import fft
 
 from mcstudy.spectra.bands import Bands
 from mcstudy.stance.feedback import Model
+from mcstudy.stance.joint import members
 from mcstudy.stance.line_stimulus import Stimulus
 from mcstudy.stance.noise import MeasurementNoise, Noise
 from mcstudy.stance.response import frf
@@ -62,6 +63,36 @@ def frf_law(
     measured: MeasurementNoise | None = None,
 ) -> FrfLaw:
     """The law at the true parameters, for the same arguments as `SpectralExperiment`; ``discard`` >= 1 with ramps.
+
+    Under J stimuli, each in a recording of its own, every point is there J times in turn.
+    """
+    each = [_of_one(m, stimulus, noise, bands, cycles, discard, ramp_removed, measured) for m in members(model)]
+    return each[0] if len(each) == 1 else _in_turn(each)
+
+
+def _in_turn(laws: list[FrfLaw]) -> FrfLaw:
+    """The law of independent recordings, the J of a point after each other."""
+    J, (N, Y) = len(laws), laws[0].mean.shape
+    joint = np.zeros((N, J, Y, N, J, Y), dtype=complex)
+    root = np.zeros((2, N, J, Y, 2, N, J, Y))
+    for k, law in enumerate(laws):
+        joint[:, k, :, :, k] = law.joint.reshape(N, Y, N, Y)
+        root[:, :, k, :, :, :, k] = law.root.reshape(2, N, Y, 2, N, Y)
+    mean = np.stack([law.mean for law in laws], axis=1).reshape(N * J, Y)
+    return FrfLaw(mean, root.reshape(2 * mean.size, -1), joint.reshape(mean.size, -1))
+
+
+def _of_one(
+    model: Model,
+    stimulus: Stimulus,
+    noise: Noise,
+    bands: Bands,
+    cycles: int,
+    discard: int,
+    ramp_removed: bool,
+    measured: MeasurementNoise | None,
+) -> FrfLaw:
+    """The law under one stimulus.
 
     The coefficient at half the sampling rate is left out, one of many thousands.
     """

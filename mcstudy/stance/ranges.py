@@ -78,7 +78,7 @@ AMPLITUDE = Range(1e-6, 1e6)
 LARGEST_TILT = 0.2
 """Largest peak of a tilt, rad (11.5 deg): experiments with standing people stay below; more is a value in deg."""
 
-RATE = Range(1e-3, 1e6, "Hz")
+RATE = Range(1e-6, 1e6, "Hz")
 """Sampling rates of what is simulated."""
 
 MAX_SAMPLES = 4_000_000

@@ -15,13 +15,14 @@ from pydantic import Field
 from mcstudy.errors import DesignError, InputError
 from mcstudy.files.plain_errors import validated
 from mcstudy.files.sections import Name, Positive, Section
+from mcstudy.stance.feedback import Model
 from mcstudy.stance.ranges import AMPLITUDE, RATE
 from mcstudy.stimulus_design.difference import check_effects
 from mcstudy.study.catalogue import located, read_file
 from mcstudy.study.checks import check_group, noisy_outputs
 from mcstudy.study.group import FREQUENCY, HIGHEST_HZ, Group, ModelSection, NoiseSection, StimulusSection
 from mcstudy.study.models import build_model
-from mcstudy.study.study_file import check_tables, named_model
+from mcstudy.study.study_file import check_tables, named_model, with_model
 
 KIND = "design"
 
@@ -143,10 +144,13 @@ class DesignFile(Section):
         return cycles if longest == 0 else min(cycles, int(longest / self.period_s * (1 + 1e-9)))
 
 
-def read_design(path: str | Path) -> DesignFile:
-    """The design of a file, or of a shipped one by name; raises `DesignError` with one line."""
+def read_design(path: str | Path, model: Model | str | Path | None = None) -> DesignFile:
+    """The design of a file, or of a shipped one by name; raises `DesignError` with one line.
+
+    ``model``: a `Model`, a name or the file of one, instead of that of the file.
+    """
     folder = located(path, KIND).parent
-    return read_file(path, KIND, lambda raw: parse_design(raw, folder))
+    return read_file(path, KIND, lambda raw: parse_design(with_model(raw, model), folder))
 
 
 def parse_design(raw: dict[str, Any], folder: Path | None = None) -> DesignFile:

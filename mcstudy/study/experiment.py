@@ -36,8 +36,9 @@ class Experiment:
         self.bands = kept_points(group)
         stimuli = len(self.model.stimulus_names)
         self.f = np.repeat(self.bands.f, stimuli)
-        self._points = {fmax: stimuli * len(self.bands.below(fmax)) for fmax in group.fmax}
-        self.n_frequencies = tuple(self._points[fmax] for fmax in group.fmax)
+        self.points = {fmax: stimuli * len(self.bands.below(fmax)) for fmax in group.fmax}
+        """Frequencies up to each Fmax of the group, every point once for each stimulus."""
+        self.n_frequencies = tuple(self.points[fmax] for fmax in group.fmax)
         body = self.model if group.effects == EffectsSection() else simulated_model(group)
         self.true_frf = frf(body, body.truth, self.f)
         self.measure = measuring(group, body, self.bands, seed)
@@ -50,7 +51,7 @@ class Experiment:
         """The fit problem of a measurement on the frequencies up to ``fmax``, one of the group's."""
         from mcstudy.fitting.problem import ml_cost, paper_cost  # who only reads a cube fits nothing
 
-        n = self._points[fmax]
+        n = self.points[fmax]
         if self.group.fit.cost == "ml":
             assert data.covariance is not None  # a study file with ml and without noise is refused
             return ml_cost(self.model, self.f[:n], data.frf[:n], data.covariance[:n])

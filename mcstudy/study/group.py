@@ -49,7 +49,7 @@ MULTIPLE = Range(1e-6, 1e6, or_zero=True, signed=True)
 BODY = Range(1e-9, 1e6, or_zero=True, signed=True)
 """Range of body constants, kg m^2, kg m and m/s^2; human values reach about 1e2."""
 
-FREQUENCY = Range(1e-4, 1e6, "Hz")
+FREQUENCY = Range(1e-7, 1e6, "Hz")
 
 HIGHEST_HZ = 8.0
 """Highest frequency point for every Fmax, so that points and data do not depend on the fits."""
@@ -61,7 +61,7 @@ MEASURED = Range(1e-12, 1e12, or_zero=True)
 MEASURED_COVARIANCE = Range(1e-24, 1e24, or_zero=True, signed=True)
 STABILITY_MARGIN = Range(1e-6, 1e6, "1/s", or_zero=True)
 DELAY_MARGIN = Range(1e-9, 10.0, "s")
-STATE = Range(1e-6, 1e3, "s")
+STATE = Range(1e-6, 1e6, "s")
 LINE_WEIGHT = Range(1e-12, 1e12)
 PHASE = Range(1e-12, 360.0, "deg", or_zero=True, signed=True)
 EFFECT = Range(1e-12, 1e6, or_zero=True, signed=True)
@@ -336,10 +336,10 @@ class NoiseSection(Section):
         if self.tabulated:
             return self.table.of(angles, scale)
         psd = self.psd * len(angles) if len(self.psd) == 1 else self.psd
-        if len(psd) < len(angles):
-            raise InputError(
-                f"noise psd: expected {len(angles)} numbers, one for each angle, or one for all, got {len(psd)}"
-            )
+        stated, n = psd != type(self).model_fields["psd"].default, len(angles)
+        if len(psd) < n or (stated and len(psd) > max(n, 2)):  # of two, one segment takes the first
+            got = len(psd) if stated else "none"
+            raise InputError(f"noise psd: expected {n} numbers, one for each angle, or one for all, got {got}")
         return SensorNoise(tuple(x * scale for x in psd[: len(angles)]), self.corner_hz)
 
 

@@ -11,11 +11,12 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from mcstudy.errors import DesignError
+from mcstudy.errors import DesignError, InputError
 from mcstudy.files.plain_errors import short, shown, validated
 from mcstudy.files.sections import leaves
 from mcstudy.files.toml_files import parse_toml
 from mcstudy.models.catalogue import spelled_out
+from mcstudy.stance.feedback import Model
 from mcstudy.study.catalogue import located, read_file
 from mcstudy.study.design import SECTIONS, Group, Study, StudySection
 from mcstudy.study.group import with_lists
@@ -23,7 +24,7 @@ from mcstudy.study.sweep import expanded
 from mcstudy.text_tables import similar
 
 
-def read_study(path: str | Path) -> Study:
+def read_study(path: str | Path, model: Model | str | Path | None = None) -> Study:
     """Read a study file (TOML).
 
     Parameters
@@ -31,6 +32,8 @@ def read_study(path: str | Path) -> Study:
     path
         The file (``pipelines/README.md`` describes every field), or the name of a study that comes with mcstudy:
         ``goodworth2018``.
+    model
+        A `Model`, a name or the file of one, instead of the models that the file names.
 
     Raises
     ------
@@ -38,7 +41,7 @@ def read_study(path: str | Path) -> Study:
         The file cannot be read or has a mistake: one line that names file, field and what was expected.
     """
     folder = located(path).parent
-    return read_file(path, "study", lambda raw: _study(raw, folder))
+    return read_file(path, "study", lambda raw: _study(with_model(raw, model), folder))
 
 
 def parse_study(text: str) -> Study:
@@ -74,6 +77,23 @@ def _study(raw: dict[str, Any], folder: Path | None = None) -> Study:
         groups |= _cells(name, with_lists(merge(base, fields)), folder)
     study: Study = validated(Study, {"study": raw["study"], "group": groups})
     return study
+
+
+def with_model(raw: dict[str, Any], model: Model | str | Path | None) -> dict[str, Any]:
+    """The tables of a file with one ``model`` instead of those that the file names, in groups too."""
+    if model is None:
+        return raw
+    try:
+        table = spelled_out(model if isinstance(model, Model) else str(model))
+    except DesignError as error:
+        raise InputError(f"model: {error}") from None
+    own = {"model": table}
+    if isinstance(groups := raw.get("group"), dict):
+        own["group"] = {
+            name: {k: v for k, v in g.items() if k != "model"} if isinstance(g, dict) else g
+            for name, g in groups.items()
+        }
+    return {**raw, **own}
 
 
 def _cells(name: str, fields: dict[str, Any], folder: Path | None) -> dict[str, Any]:

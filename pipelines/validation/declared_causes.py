@@ -375,8 +375,8 @@ def main() -> None:
         print(table(header, rows), flush=True)
         total = {k: sum(getattr(s, k) for s in scores.values()) for k in ("alarms", "nulls", "cases", "found", "right")}
         total["inside"] = sum(s.inside for s in scores.values())
-        values = {k: share(total[k], max(total["found"], 1)) for k in ("right", "inside")}
-        values |= {"alarms": share(total["alarms"], total["nulls"]), "found": share(total["found"], total["cases"])}
+        of = {"alarms": "nulls", "found": "cases", "right": "found", "inside": "found"}
+        values = {k: share(total[k], total[n]) for k, n in of.items() if total[n]}
         values |= {k: {"value": total[k]} for k in ("nulls", "cases")}
         measured.write(args.json, values, {"by_model": (header, rows)})
 

@@ -9,9 +9,12 @@ import pytest
 import xarray as xr
 
 import mcstudy as mc
+from mcstudy.analysis.compare import comparisons
+from mcstudy.analysis.view import StudyView
 from mcstudy.cli import main
 from mcstudy.errors import DesignError
 from mcstudy.models.record import ModelTable
+from mcstudy.planning.fits import Fitter
 from mcstudy.stance.joint import members
 from mcstudy.stance.response import frf
 from mcstudy.study.experiment import Experiment
@@ -125,3 +128,37 @@ def test_linearised_starts_that_a_model_cannot_have_are_refused_before_a_study_b
     )
     with pytest.raises(DesignError, match=r"fit\.starts: .* need outputs that tell all of shoulder, elbow, got hand"):
         parse_study(hidden)
+
+
+def test_the_law_of_the_responses_holds_the_stimuli_in_turn_and_independent() -> None:
+    two, one = (Fitter(parse_study(text).groups["one"], 5, (8.0,)) for text in (TWO, ONE))
+    both, first = two.law(4), one.law(4)
+    np.testing.assert_allclose(both.mean, two.experiment(4).true_frf, rtol=1e-12)
+    np.testing.assert_allclose(both.covariance[::2], first.covariance, rtol=1e-12)
+    N = len(first.mean)
+    joint = both.joint.reshape(N, 2, 2, N, 2, 2)
+    np.testing.assert_allclose(joint[:, 0, :, :, 0], first.joint.reshape(N, 2, N, 2), rtol=1e-12)
+    assert not joint[:, 0, :, :, 1].any()
+    drawn = both.draw(np.random.default_rng(1).standard_normal((400, both.size)), 2.0)
+    spread = np.var(drawn, axis=0) / (np.einsum("nii->ni", both.covariance).real / 4.0)
+    np.testing.assert_allclose(spread.mean(axis=0), 1.0, atol=0.02)
+
+
+def test_solve_counts_the_time_of_every_stimulus() -> None:
+    short = parse_study(TWO.replace("[1.2, 8.0]", "[8.0]") + "stimulus = { stages = 4, state_s = 0.1, cycles = 4 }\n")
+    found = mc.solve(short, "cv(K1) <= 50%", "amplitude=1:4", budget_fits=4000)
+    assert found.design["amplitude"] == 1.0
+    assert found.to_dict()["recording_s"] == pytest.approx(2 * 4 * 8.0)
+
+
+def test_groups_under_several_stimuli_are_compared_by_their_responses(tmp_path: Path) -> None:
+    more = TWO + TWO[TWO.index("[group.one]") :].replace("[group.one]", "[group.more]") + "stimulus.cycles = 21\n"
+    out = tmp_path / "arms.zarr"
+    mc.run(parse_study(more), out)
+    (compared,) = comparisons(StudyView(mc.open_results(out)))
+    error = []
+    for name in ("one", "more"):
+        cube = mc.open_results(out)[name].to_dataset().isel(amplitude=0)
+        relative = (cube["frf"] / cube["true_frf"]).values
+        error.append(100 * np.sqrt(relative.real.var(axis=0, ddof=1) + relative.imag.var(axis=0, ddof=1)).mean())
+    assert float(compared.result["value"].sel(measure="frf_spread", fmax=8.0)) == pytest.approx(error[1] - error[0])

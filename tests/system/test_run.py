@@ -135,7 +135,7 @@ def test_after_kill_9_a_second_run_completes_the_same_bytes(folder: Path, whole:
     assert tree_digest(out) == whole
 
 
-def test_a_model_of_ones_own_is_killed_resumed_on_two_workers_and_verified_as_any_other(folder: Path) -> None:
+def test_a_model_of_ones_own_is_killed_resumed_on_two_workers_verified_and_reported_as_any_other(folder: Path) -> None:
     assert len(OWN.read_text(encoding="utf-8").splitlines()) <= 30
     out, whole = folder / "own.zarr", folder / "own_whole.zarr"
     process = start(folder, out, after=2, pause_s=FOR_EVER_S, study="own")
@@ -146,6 +146,9 @@ def test_a_model_of_ones_own_is_killed_resumed_on_two_workers_and_verified_as_an
     assert start(folder, whole, pause_s=0, study="own").communicate(timeout=100)
     assert ": 0 damaged" in finish(["verify", str(out)])
     assert numbers(out) == numbers(whole)
+    page = folder / "own.html"
+    finish(["report", str(out), "-o", str(page)])
+    assert "intrinsic stiffness" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])

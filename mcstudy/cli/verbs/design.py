@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mcstudy.cli.options import (
     add_figure_argument,
+    add_other_model_argument,
     add_out_argument,
     add_page_argument,
     add_scheduler_arguments,
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     parser.add_argument("file", type=Path, help="design file (.toml), or the name of a shipped one (design)")
+    add_other_model_argument(parser, "the design file")
     add_out_argument(parser, "DIR", "folder for all results", required=True)
     parser.add_argument(
         "--no-verify", action="store_true", help="only predict: leave out the Monte Carlo study of design and sequence"
@@ -39,7 +41,7 @@ def main(args: argparse.Namespace) -> Exit:
     from mcstudy.stimulus_design.design_file import read_design
 
     check_figure(args.figure, args.html)
-    file, options = read_design(args.file), cluster_options(args)
+    file, options = read_design(args.file, args.model), cluster_options(args)
     from mcstudy.results.stimulus_design import StimulusDesign
     from mcstudy.stimulus_design.run import design_stimulus  # Dask is slow to import; report a bad file first
     from mcstudy.text_tables import folded

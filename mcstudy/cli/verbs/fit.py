@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -211,6 +212,7 @@ def _group(args: argparse.Namespace) -> Exit:
     from mcstudy.errors import InputError
     from mcstudy.identification.people.fits import fit_members
     from mcstudy.identification.people.members import Member, members, named, read_people, rows_of
+    from mcstudy.recordings.columns import model_of
     from mcstudy.recordings.io import read_recording
     from mcstudy.results.group_result import GroupResult
     from mcstudy.scheduler.compiling import PERSON, compile_kernels
@@ -224,8 +226,13 @@ def _group(args: argparse.Namespace) -> Exit:
         known = members([r.file for r in rows], [r.person for r in rows], [r.condition for r in rows])
     else:
         _require(args)
-        known = named([read_recording(path, data=args.data) for path in args.recordings], args.recordings, args.group)
+        known = named(
+            [read_recording(path, data=args.data, model=args.model) for path in args.recordings],
+            args.recordings,
+            args.group,
+        )
     settings = _condition_settings(args) if args.per or args.shared else _settings(args)
+    settings = replace(settings, model=model_of(args.model))
     options = cluster_options(args)
     if options.here:
         compile_kernels(PERSON)

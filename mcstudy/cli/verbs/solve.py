@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from mcstudy.cli.options import (
     add_figure_argument,
     add_json_argument,
+    add_other_model_argument,
     add_out_argument,
     add_page_argument,
     add_study_argument,
@@ -30,6 +31,7 @@ PRECISION, BUDGET = 10.0, 200_000
 def add_arguments(parser: Parser) -> None:
     """Arguments of the verb."""
     add_study_argument(parser)
+    add_other_model_argument(parser, "STUDY")
     parser.add_argument(
         "--target",
         action="append",

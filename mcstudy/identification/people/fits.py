@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ def fit_members(
         if len(m.items) > 1 and any(isinstance(i, FitRecord) for i in m.items):
             raise InputError(f"{m.name}: expected one fit per person and condition, got {len(m.items)}")
     members = at_once(members) if isinstance(settings, ConditionSettings) else members
-    _refuse_copies(members, data, settings.accept)
+    _refuse_copies(members, data, settings)
 
     def fitted(k: int) -> FitRecord | _Failure:
         return _fit(members[k], data, settings)
@@ -76,7 +76,7 @@ def fit_members(
     return combine(fits, pair=pair, failed=failed)
 
 
-def _refuse_copies(members: Sequence[Member[Known]], data: Path | None, accept: Iterable[str]) -> None:
+def _refuse_copies(members: Sequence[Member[Known]], data: Path | None, settings: FitSettings) -> None:
     """Raise `RecordingError` for a file that is named twice, or for data that are there twice; what cannot be read is
     the business of the fits."""
     named: list[tuple[str, Recording | FrfRecording]] = []
@@ -88,13 +88,13 @@ def _refuse_copies(members: Sequence[Member[Known]], data: Path | None, accept: 
                 if (first := paths.setdefault(item.resolve(), name)) is not name:
                     raise RecordingError(f"people: {name}: the same file as {first}; expected every file once")
                 try:
-                    item = read_recording(item, data)
+                    item = read_recording(item, data, settings.model)
                 except McstudyError:
                     continue
             recording = item.recording if isinstance(item, FitRecord) else item
             parts = recording.parts if isinstance(recording, JointRecording) else (recording,)
             named += [(name, r) for r in parts if isinstance(r, Recording | FrfRecording)]
-    refuse_copies(named, accept, "people")
+    refuse_copies(named, settings.accept, "people")
 
 
 def _fit(member: Member[Known], data: Path | None, settings: FitSettings) -> FitRecord | _Failure:
@@ -102,7 +102,7 @@ def _fit(member: Member[Known], data: Path | None, settings: FitSettings) -> Fit
     if isinstance(member.items[0], FitRecord):
         return member.items[0]
     try:
-        read = [read_recording(i, data) if isinstance(i, Path) else i for i in member.items]
+        read = [read_recording(i, data, settings.model) if isinstance(i, Path) else i for i in member.items]
         recordings = [r for r in read if not isinstance(r, FitRecord)]
         if isinstance(settings, ConditionSettings):
             return fit_conditions(recordings, settings, member.conditions).fit

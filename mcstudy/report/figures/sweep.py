@@ -29,7 +29,7 @@ def bias_map(cells: list[dict[str, Any]], condition: int, unit: Unit, ax: Axes |
 
     ``cells``: the groups of a sweep in the data of ``mcstudy show --json``. ``condition``: position of an amplitude and
     Fmax among those of a group, -1 for the last. ``unit``: standard deviations of the estimates of the cell, or percent
-    of the truth. Blue is too large, orange too small; a bias within two Monte Carlo errors is grey and in brackets.
+    of the truth. Orange is too large, violet too small; a bias within two Monte Carlo errors has brackets, no colour.
     """
     ax = axes(ax, size_of_map(cells))
     names = parameters_of(cells)

@@ -25,7 +25,7 @@ def _figure(name: str, cells: list[dict[str, Any]]) -> Figure:
         f"sweep-{name}",
         f"Sweep {name}: bias of every parameter in every cell",
         [
-            f"At {where}. Blue: estimates too large, orange: too small, full at 3 standard deviations or 100 %. In "
+            f"At {where}. Orange: estimates too large, violet: too small, full at 3 standard deviations or 100 %. In "
             "brackets: within two Monte Carlo errors of none. All cells share the noise of a realization.",
         ],
         [Panel(words, partial(bias_map, cells, -1, unit), size_of_map(cells)) for unit, words in WORDS.items()],  # type: ignore[arg-type]

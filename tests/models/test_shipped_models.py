@@ -83,5 +83,5 @@ def test_three_segments_have_the_responses_and_the_roots_of_an_independent_progr
     [("independent_channel", -0.2224), ("three_segment", -2.188060), ("leg_trunk_head", -1.200)],
 )
 def test_the_rightmost_roots_are_those_of_other_programs(name: str, growth: float) -> None:
-    m = model(name)  # the other body of legs, trunk and head is not known to all digits
-    assert float(growth_rate(m, m.truth)) == pytest.approx(growth, abs=0.04 if name == "leg_trunk_head" else 6e-5)
+    m = model(name)
+    assert float(growth_rate(m, m.truth)) == pytest.approx(growth, abs=5e-4 if name == "leg_trunk_head" else 6e-5)

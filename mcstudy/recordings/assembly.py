@@ -76,9 +76,6 @@ def assemble(sheet: Sheet, files: Files, where: str, subject: Subject) -> Assemb
     """The recording of a description."""
     model = subject.model
     columns = Columns.of(model, sheet.stimulus)
-    sheet.channels.require_outputs(columns.outputs, f"{where}: channels")
-    for k, trial in enumerate(sheet.trials):
-        trial.require_outputs(columns.outputs, f"{where}: trials.{k}")
     if not sheet.trials:
         raise RecordingError(f"{where}: trials: expected at least one")
     read, notes = trials_of(sheet, columns, files, subject.person, where)
@@ -122,6 +119,7 @@ def _subject(sheet: Sheet, files: Files, where: str, given: ModelLike | None, fo
     at = folder if given is None else None
     with refused(RecordingError, where=where):
         model = model_of(stated, at)
+        _require_outputs(sheet, Columns.of(model, sheet.stimulus))
         if model is None:
             if sheet.constants:
                 raise RecordingError("constants: expected a model that has them (model, --model), got none")
@@ -139,6 +137,12 @@ def _subject(sheet: Sheet, files: Files, where: str, given: ModelLike | None, fo
                 )
             constants = {**of_body, **constants}
         return Subject(person, model_of(stated, at, constants), constants)
+
+
+def _require_outputs(sheet: Sheet, columns: Columns) -> None:
+    """Raise `RecordingError` for a key of a trial that is neither a setting nor an output."""
+    for channels, name in ((sheet.channels, "channels"), *((t, f"trials.{k}") for k, t in enumerate(sheet.trials))):
+        channels.require_outputs(columns.outputs, name)
 
 
 def _frf(sheet: Sheet, files: Files, where: str, subject: Subject) -> FrfRecording:

@@ -25,6 +25,8 @@ class Group(TypedDict):
     solver_error: Count
     not_needed: NotRequired[Count]
     """starts left out because those before them sufficed (starts = "until certain"); absent in older files"""
+    unstable: NotRequired[Count]
+    """no stable loop was found (`stability_margin`); absent in older files"""
 
 
 @closed

@@ -29,7 +29,7 @@ CASES: list[tuple[Any, dict[str, Any], str]] = [
     (Group, {"fmax": []}, "fmax: expected a list with at least 1 item, got []"),
     (Group, {"fmax": [1.0] * 1001}, "fmax: expected a list with at most 1000 items, got [1.0, "),
     (Group, {"fmax": "8"}, "fmax: expected a list, got '8'"),
-    (Group, {"fmax": [-1.0]}, "fmax.0: expected a number from 0.0001 to 1e+06 Hz, got -1.0"),
+    (Group, {"fmax": [-1.0]}, "fmax.0: expected a number from 1e-07 to 1e+06 Hz, got -1.0"),
     (Group, {"model": {"truth": 3}}, "model.truth: expected a table, got 3"),
     (Group, {"model": {"bounds": {"top": 1.0}}}, "model.bounds.top: unknown key, expected one of lower, upper, "),
     (Group, {"simulator": "x"}, "simulator: expected 'none', 'spectral' or 'time_domain', got 'x'"),

@@ -96,7 +96,7 @@ def test_a_study_that_asks_for_too_much_is_refused_before_it_is_planned(
         "a = " + "9" * 5000,
         "x = 1\n" * 2,
         "#" * 1_000_001,
-        "".join(f"[group.g{k}]\nrealizations=1\nstarts=1\nfmax=[8.0]\namplitude=[5.0]\n" for k in range(300))
+        "".join(f"[group.g{k}]\nrealizations=1\nstarts=1\nfmax=[8.0]\namplitude=[5.0]\n" for k in range(1001))
         + "[study]\nname='many'\nseed=1\n",
     ],
 )

@@ -434,7 +434,7 @@ def test_what_is_not_a_recording_is_told_what_one_is_and_what_to_do(tmp_path: Pa
         ("cube", "a results cube"),
         ("cube.zarr", "a results cube"),
     ):
-        with pytest.raises(RecordingError, match=f"{what}.*; expected a recording .*help recordings.* simulate"):
+        with pytest.raises(RecordingError, match=f"{what}.*; expected a recording .*mcstudy import.* simulate"):
             read_recording(tmp_path / name)
 
 

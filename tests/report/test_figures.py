@@ -54,6 +54,7 @@ GROUP_FIGURES: dict[str, Callable[[xr.DataTree, Axes], Axes]] = {
     "zipper": lambda t, ax: figures.zipper(with_errors(t["accuracy"]), "B11", ax=ax),
     "controller_error": lambda t, ax: figures.controller_error(t["theory"], fmax=8.0, ax=ax),
     "controller_error_by_noise": lambda t, ax: figures.controller_error_by_noise(t["accuracy"], ax=ax),
+    "determined_dots": lambda t, ax: figures.determined_dots(t["accuracy"], ax=ax),
     "starts_curve": lambda t, ax: figures.starts_curve(t["accuracy"], ax=ax),
     "waterfall": lambda t, ax: figures.waterfall(t["accuracy"], ax=ax),
     "frf_gain": lambda t, ax: figures.frf_gain(t["theory"], ax=ax),

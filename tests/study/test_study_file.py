@@ -28,7 +28,7 @@ BAD = [
     ("[0.41, 1.2]", "[9.0]", "group.noisy.fmax", "at most 8.005 Hz, the last frequency"),
     ("[0.41, 1.2]", "[0.03]", "group.noisy.fmax", "expected at least 3 frequencies"),
     ("[0.41, 1.2]", "[]", "group.noisy.fmax", "at least 1 item"),
-    ("[0.41, 1.2]", "1.2", "group.noisy.fmax", "expected a list"),
+    ("[0.41, 1.2]", "'1.2'", "group.noisy.fmax", "expected a list"),
     ("[3.0, 5.0]", "[3.0, 3.0]", "group.noisy.amplitude", "listed once"),
     ("[3.0, 5.0]", "[-3.0]", "group.noisy.amplitude.0", "expected a number from 1e-06 to 1e+06, got -3.0"),
     ("[3.0, 5.0]", "[nan]", "group.noisy.amplitude.0", "finite"),

@@ -223,7 +223,7 @@ def compilers(folder: Path) -> list[str]:
 
 
 COMMANDS = {
-    **{verb: (verb, "nothing") for verb in ("plan", "status", "show", "performance", "verify")},
+    **{verb: (verb, "nothing") for verb in ("plan", "status", "show", "performance", "verify", "figure")},
     "replay": ("replay", "nothing", "--realization", "0", "--start", "0", "--fmax", "1", "--amplitude", "1"),
     "report": ("report", "nothing", "-o", "page.html"),
     "simulate": ("simulate", "-o", "nothing.nc"),

@@ -9,6 +9,7 @@ from typing import Any
 from mcstudy.analysis.determined import DETERMINED, LOST, determined, lost
 from mcstudy.analysis.publications.publication import cited
 from mcstudy.analysis.publications.verdict_names import AGREES, CANNOT_TELL
+from mcstudy.analysis.show import first_notes
 from mcstudy.analysis.show.sweeps import sweep_text, sweeps_of
 from mcstudy.analysis.show.text import (
     condition,
@@ -35,7 +36,7 @@ def answer(data: Entry) -> str:
     name = main_group(data)
     group = data["groups"][name]
     found = [fill(finding(data)), *_of_noise(group)] if group["design"]["noise"] else _without_noise(name, group)
-    warnings = [note for g in data["groups"].values() for note in g["notes"] if note.startswith("Warning")]
+    warnings = [note for g in data["groups"].values() for note in first_notes(g)]
     parts = [_head(data), *map(fill, [*filter(None, [incomplete(data)]), *dict.fromkeys(warnings)]), *found]
     return folded("\n".join([*parts, *_publication(data), _further(data, name)]))
 
@@ -95,7 +96,9 @@ def _head(data: Entry) -> str:
 
 
 def finding(data: Entry) -> str:
-    """What the best condition determines, in one sentence; empty where no group has noise."""
+    """What the best condition determines, in one sentence; empty where no group of its own has noise."""
+    if all("cell" in group for group in data["groups"].values()):
+        return ""
     name = main_group(data)
     group = data["groups"][name]
     design, cells = group["design"], group["cells"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from mcstudy.analysis.show import FIRST
 from mcstudy.analysis.statistics import CELL_STATISTICS
 from mcstudy.text_tables import Table, counted, fill, number, starts_in_words, table
 
@@ -33,7 +34,7 @@ def sweep_text(name: str, cells: list[dict[str, Any]]) -> str:
         f"At {where} (other Fmax and amplitudes: --csv FILE, or .mc in Python). bias: mean estimate minus truth, % of "
         "the truth.",
     ]
-    notes = dict.fromkeys(note for c in cells for note in c["notes"] if note.startswith("Warning"))
+    notes = dict.fromkeys(note for c in cells for note in c["notes"] if note.startswith(FIRST[0]))
     tables = [table(t.header, t.rows) for t in sweep_tables(cells)]
     largest = max((_error(p) for c in cells for p in c["cells"][-1]["parameters"]), default=0.0)
     foot = f"Bias, % of the truth; largest Monte Carlo error {number(largest, 2)} %."

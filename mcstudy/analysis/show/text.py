@@ -9,6 +9,7 @@ from mcstudy.analysis.determined import OFTEN
 from mcstudy.analysis.measures import MEASURES
 from mcstudy.analysis.publications.publication import cited
 from mcstudy.analysis.publications.verdict_names import AGREES, LIMIT
+from mcstudy.analysis.show import first_notes
 from mcstudy.analysis.show.missed_minimum import missed_words
 from mcstudy.analysis.show.sweeps import sweep_text, sweeps_of
 from mcstudy.analysis.statistics import CELL_STATISTICS, CellStatistic
@@ -193,7 +194,7 @@ def _group(name: str, group: dict[str, Any]) -> str:
     d = group["design"]
     runs = counted(d["realizations"], "realization" if d["noise"] else "pool")
     title = f"Group {name}: {runs} of {starts_in_words(d['starts'], d.get('until_certain', False))}"
-    warnings = [note for note in group["notes"] if note.startswith("Warning")]
+    warnings = first_notes(group)
     parts = [title, *map(fill, warnings)]
     by_fmax = [[c for c in group["cells"] if c["fmax"] == f] for f in d["fmax"]]
     if d["simulator"] == "none":  # without noise and averaging every bias is rounding

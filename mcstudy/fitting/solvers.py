@@ -15,7 +15,6 @@ import numpy as np
 
 from mcstudy.fitting.attached import entries
 from mcstudy.fitting.problem import Fits, Problem
-from mcstudy.fitting.stable import stable_ends
 from mcstudy.fitting.status import Status
 
 if TYPE_CHECKING:
@@ -170,7 +169,11 @@ def fit_queue(
         solve: Solve = named(solver_named(solver).solve)
         options, mine = options or Options(), [problems[r] for r in used]
         fits = solve(mine, index, starts[finite], options)
-        out.put(finite, fits if options.margin is None else stable_ends(mine, index, fits, options.margin))
+        if options.margin is not None:
+            from mcstudy.fitting.stable import stable_ends  # compiled functions, which few who read a study need
+
+            fits = stable_ends(mine, index, fits, options.margin)
+        out.put(finite, fits)
     return out
 
 

@@ -15,7 +15,6 @@ from mcstudy.stance.joint import members
 from mcstudy.stance.ranges import DELAY, GAIN, LARGEST_TILT, MAX_SAMPLES, Range
 from mcstudy.stance.response import frf_jacobian
 from mcstudy.stance.simulate_spectral import sway_psd
-from mcstudy.stance.stability import growth_rate
 from mcstudy.study.cube.layout import realizations_a_chunk
 from mcstudy.study.detectability import written_out
 from mcstudy.study.effects import check_effects
@@ -170,16 +169,25 @@ def _check_noise(group: Group, model: Model) -> None:
         measured = group.measurement_noise
     except InputError as error:
         raise DesignError(f"noise.measurement.{error}") from None
-    margin, growth = group.fit.stability_margin, float(growth_rate(model, model.truth))
-    if margin is not None and growth > -margin:
-        raise DesignError(
-            f"fit.stability_margin: expected at most {max(-growth, 0.0):.3g} 1/s, with which the loop of the true "
-            f"parameters decays, got {margin:g}"
-        )
+    _check_margin(group, model)
     if group.spectra.covariance != "even_lines" and (measured is not None or model.outputs):
         raise DesignError(
             "spectra.covariance: expected 'even_lines' for declared outputs and measurement noise, which is not of the "
             "loop, got 'through_loop'"
+        )
+
+
+def _check_margin(group: Group, model: Model) -> None:
+    """Raise `DesignError` for a margin that the true loop does not keep."""
+    if (margin := group.fit.stability_margin) is None:
+        return
+    from mcstudy.stance.stability import growth_rate  # loads compiled code
+
+    growth = float(growth_rate(model, model.truth))
+    if growth > -margin:
+        raise DesignError(
+            f"fit.stability_margin: expected at most {max(-growth, 0.0):.3g} 1/s, with which the loop of the true "
+            f"parameters decays, got {margin:g}"
         )
 
 

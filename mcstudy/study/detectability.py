@@ -18,7 +18,6 @@ from mcstudy.stance.feedback import Model
 from mcstudy.stance.information import expected_line_covariance, unit_variance
 from mcstudy.stance.joint import members
 from mcstudy.stance.response import frf, frf_jacobian
-from mcstudy.stance.stability import growth_rate
 from mcstudy.study.effects import DELTA, nonlinear, true_effects, true_sizes, with_sizes
 from mcstudy.study.group import EffectsSection, Group
 from mcstudy.study.measure import kept_points, stimulus
@@ -73,6 +72,8 @@ def detectability(group: Group, base: Model, effect: Effect, shapes: Mapping[str
 
     def delta(size: float) -> float:
         body = with_sizes(base, (effect.name,), {**shapes, effect.size.name: size})
+        from mcstudy.stance.stability import growth_rate  # loads compiled code
+
         if not float(growth_rate(body, body.truth)) < 0:
             return np.inf
         noise = group.noise_source

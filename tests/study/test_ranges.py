@@ -170,5 +170,5 @@ def test_a_study_at_the_ends_of_what_is_accepted_plans_runs_and_shows(
                 fill(store.experiment, store.layout, chunk, data)
                 store.write(chunk, data)
         shown = show(cube.path)
-        assert "Group g" in shown.text()
+        assert "Group g" in shown.details()
         assert shown.json()

@@ -135,7 +135,7 @@ def test_what_pip_installs_holds_kernels_that_need_no_compiling_and_give_the_sam
             folder.chmod(0o755)
     for line in (
         "0 damaged",
-        "Study quick",
+        "quick: 2,250 fits",
         "0 functions compiled",
         "passive_damping_ankle",
         "goodworth2018",

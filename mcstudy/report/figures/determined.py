@@ -10,7 +10,7 @@ from mcstudy.analysis import accuracy
 from mcstudy.analysis.determined import determined, lost
 from mcstudy.analysis.view import GroupView
 from mcstudy.report.axes import axes, fixed_ticks, legend_below
-from mcstudy.report.figures.common import GroupLike, chosen_fmax, view_of
+from mcstudy.report.figures.common import GroupLike, chosen_amplitude, chosen_fmax, view_of
 from mcstudy.report.labels import cell_label
 from mcstudy.report.style import COLOURS
 
@@ -30,8 +30,7 @@ def determined_dots(
     ``fmax`` in Hz and ``amplitude`` in the unit of the stimulus: by default 1.2 Hz or the nearest, and the largest.
     """
     view, ax = view_of(data), axes(ax, (4.3, 4.2))
-    fmax = chosen_fmax(view, fmax)
-    amplitude = float(view.cube["amplitude"].max()) if amplitude is None else amplitude
+    fmax, amplitude = chosen_fmax(view, fmax), chosen_amplitude(view, amplitude)
     names, bias, sd, kinds = _numbers(view, fmax, amplitude)
     y = np.arange(len(names))
     for label, (marker, name) in _KINDS.items():

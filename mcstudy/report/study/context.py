@@ -6,11 +6,15 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
+from mcstudy.analysis.cache import Look
 from mcstudy.analysis.publications.publication import Publication, cited
+from mcstudy.analysis.results import open_for_tables
+from mcstudy.analysis.show import SCHEMA
 from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.view import GroupView, StudyView
 from mcstudy.fitting.solvers import solvers
@@ -118,6 +122,14 @@ class Context:
         main = self.pools
         held = [g for g in self.held if main is not None and g is not main]
         return [g for g in held if _without_solver(g) == _without_solver(main)]
+
+
+def context_of(path: Path, look: Look) -> Context:
+    """The study of the cube at ``path``, which ``look`` looks at: its numbers are computed once and kept.
+
+    Raises `StoreError` when it is not a cube of this version.
+    """
+    return Context(open_for_tables(path), lambda study: look.kept(SCHEMA, [], lambda: show_data(study)))
 
 
 def _without_solver(view: GroupView | None) -> str:

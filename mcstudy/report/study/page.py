@@ -12,16 +12,13 @@ from markupsafe import Markup
 
 from mcstudy.analysis.cache import Look, looking
 from mcstudy.analysis.publications.publication import ALONE, publications
-from mcstudy.analysis.results import open_for_tables
-from mcstudy.analysis.show import SCHEMA
-from mcstudy.analysis.show.summary import show_data
 from mcstudy.analysis.show.text import comparison_title
 from mcstudy.errors import InputError
 from mcstudy.report.document import Section, document
 from mcstudy.report.figure import Figure, Missing, figure, missing
 from mcstudy.report.html import code, details, html, joined, table
 from mcstudy.report.study.comparison import comparison_html
-from mcstudy.report.study.context import Context
+from mcstudy.report.study.context import Context, context_of
 from mcstudy.report.study.items import group_figures, main_figures
 from mcstudy.report.study.model import model_html
 from mcstudy.report.study.overview import overview
@@ -38,7 +35,7 @@ def study_page(path: Path, beside: Sequence[Path], looks: ExitStack, look: Look)
     """
     with _rarely_collected():
         companions = [(file, _companion(file, looks)) for file in beside]
-        return _page(_context(path, look), companions)
+        return _page(context_of(path, look), companions)
 
 
 @contextmanager
@@ -52,13 +49,9 @@ def _rarely_collected() -> Iterator[None]:
         gc.set_threshold(*usual)
 
 
-def _context(path: Path, look: Look) -> Context:
-    return Context(open_for_tables(path), lambda study: look.kept(SCHEMA, [], lambda: show_data(study)))
-
-
 def _companion(file: Path, looks: ExitStack) -> Context | None:
     """The study of a cube; statistics are kept when ``looks`` close. None for a file, which a publication reads."""
-    return _context(file, looks.enter_context(looking(file))) if file.is_dir() else None
+    return context_of(file, looks.enter_context(looking(file))) if file.is_dir() else None
 
 
 def _page(context: Context, companions: Sequence[tuple[Path, Context | None]]) -> str:

@@ -8,12 +8,12 @@ from typing import Any
 from matplotlib.figure import Figure as Picture
 from matplotlib.patches import Patch
 
-from mcstudy.analysis.results import open_for_tables
+from mcstudy.analysis.cache import looking
 from mcstudy.errors import InputError
 from mcstudy.files.csv_text import csv_text
 from mcstudy.report.axes import picture, styled
 from mcstudy.report.figure import Figure, Missing, numbers, share_axes
-from mcstudy.report.study.context import Context
+from mcstudy.report.study.context import context_of
 from mcstudy.report.study.items import group_figures, main_figures
 from mcstudy.report.style import COLOURS, HATCHES
 from mcstudy.text_tables import similar
@@ -30,8 +30,9 @@ def all_figures(path: Any) -> tuple[dict[str, Figure], dict[str, str]]:
 
     Raises `StoreError` when it is not a cube of this version.
     """
-    context = Context(open_for_tables(path))
-    items = [*main_figures(context), *(item for _, group in group_figures(context) for item in group)]
+    with looking(path) as look:
+        context = context_of(path, look)
+        items = [*main_figures(context), *(item for _, group in group_figures(context) for item in group)]
     drawn = {item.key: item for item in items if isinstance(item, Figure)}
     return drawn, {item.key: item.reason for item in items if isinstance(item, Missing)}
 

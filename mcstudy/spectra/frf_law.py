@@ -66,7 +66,13 @@ def frf_law(
 
     Under J stimuli, each in a recording of its own, every point is there J times in turn.
     """
-    each = [_of_one(m, stimulus, noise, bands, cycles, discard, ramp_removed, measured) for m in members(model)]
+    n = cycles * stimulus.samples
+    f, duration_s = np.arange(1, (n + 1) // 2) * (stimulus.rate_hz / n), n / stimulus.rate_hz
+    answers = _answers(stimulus, bands, cycles, discard, ramp_removed, f.size)
+    recorded = None if measured is None else measured.psd(stimulus.rate_hz)
+    each = [
+        _of_one(m, bands, answers, sway_psd(m, m.truth, noise, f, recorded) / (2 * duration_s)) for m in members(model)
+    ]
     return each[0] if len(each) == 1 else _in_turn(each)
 
 
@@ -82,27 +88,16 @@ def _in_turn(laws: list[FrfLaw]) -> FrfLaw:
     return FrfLaw(mean, root.reshape(2 * mean.size, -1), joint.reshape(mean.size, -1))
 
 
-def _of_one(
-    model: Model,
-    stimulus: Stimulus,
-    noise: Noise,
-    bands: Bands,
-    cycles: int,
-    discard: int,
-    ramp_removed: bool,
-    measured: MeasurementNoise | None,
-) -> FrfLaw:
-    """The law under one stimulus.
+def _answers(
+    stimulus: Stimulus, bands: Bands, cycles: int, discard: int, ramp_removed: bool, size: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the first ``size`` coefficients of a record, and their conjugates, add to each point (N, size).
 
     The coefficient at half the sampling rate is left out, one of many thousands.
     """
     period, n = stimulus.samples, cycles * stimulus.samples
-    f = np.arange(1, (n + 1) // 2) * (stimulus.rate_hz / n)
-    recorded = None if measured is None else measured.psd(stimulus.rate_hz)
-    power = sway_psd(model, model.truth, noise, f, recorded) / (2 * n / stimulus.rate_hz)
     drive = stimulus.coefficients()[bands.lines] / stimulus.amplitude
-    N, Y = len(bands), model.n_outputs
-    forward, backward = (np.empty((N, f.size), dtype=complex) for _ in range(2))
+    forward, backward = (np.empty((len(bands), size), dtype=complex) for _ in range(2))
     for p, weights in enumerate(bands.weights):
         lines = np.zeros(period, dtype=complex)
         lines[bands.lines] = weights / drive
@@ -116,7 +111,13 @@ def _of_one(
             sample = np.roll(sample, -1)
             sample = np.roll(sample, 1) - sample
         answer = fft.ifft(sample) * n
-        forward[p], backward[p] = answer[1 : f.size + 1], answer[-1 : -f.size - 1 : -1]
+        forward[p], backward[p] = answer[1 : size + 1], answer[-1 : -size - 1 : -1]
+    return forward, backward
+
+
+def _of_one(model: Model, bands: Bands, answers: tuple[np.ndarray, np.ndarray], power: np.ndarray) -> FrfLaw:
+    """The law under one stimulus, from its `_answers` and the power of each coefficient of the sway."""
+    (forward, backward), N, Y = answers, len(bands), model.n_outputs
     gamma, pseudo = (np.empty((N, Y, N, Y), dtype=complex) for _ in range(2))
     for i in range(Y):
         for k in range(Y):
